@@ -11,8 +11,9 @@ import numpy as np
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
-from sfmcpp.ba.check import observations_without_image
+from sfmcpp.ba.check import observations_without_image, with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
+from sfmcpp.ba.doubtful_input import warnings_about_calibration
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -82,11 +83,14 @@ def adjust(
         _checkpoint_bytes(arrays),
     )
     doubtful = list(_derivative_warnings(problem, constraints))
+    given = number_array("intrinsics", problem.intrinsics).copy()
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
     summary = _summary(core, options)
     about_loss = loss_weight_warnings(arrays, summary)
     no_image = _warning_of_infinite_cost(problem, summary)
-    warnings = [*summary.warnings, *doubtful, *no_image, *about_loss, *checkpoints.warnings]
+    doubtful += warnings_about_calibration(problem, given)
+    about_input = with_ids_of_points(summary.warnings, problem)
+    warnings = [*about_input, *doubtful, *no_image, *about_loss, *checkpoints.warnings]
     return replace(summary, warnings=warnings, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
 
 

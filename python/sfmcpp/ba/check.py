@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal
 
@@ -10,11 +12,15 @@ from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
+from sfmcpp.ba.doubtful_input import warnings_about_calibration
 from sfmcpp.ba.linearize import linearize
 from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.names import Loss
+
+# How the core names points: "point 3", "points 3, 7", "120 points (3, 7, …)".
+_NAMED_POINTS = re.compile(r"^(points? |\d+ points \()(\d+(?:, \d+)*)(, …\)|)(?=: )")
 
 
 def check(problem: Problem) -> list[str]:
@@ -29,14 +35,26 @@ def check(problem: Problem) -> list[str]:
     -------
     list of str
         Warnings about valid but suspicious input: cameras or points without observations, points seen once,
-        parts that share no point.
+        parts that share no point, focal lengths that are not positive, pixels far outside of the images.
 
     Raises
     ------
     InvalidArgument
         If the problem is invalid: the message names the array, the position, the value and the rule.
     """
-    return list(_core.check(core_arrays(problem)))
+    about_input = with_ids_of_points(_core.check(core_arrays(problem)), problem)
+    return [*about_input, *warnings_about_calibration(problem, problem.intrinsics)]
+
+
+def with_ids_of_points(warnings: Iterable[str], problem: Problem) -> list[str]:
+    """Warnings of the core, with COLMAP's identifiers of the points they name where the problem has them."""
+
+    def with_ids(found: re.Match[str]) -> str:
+        numbers = [int(number) for number in found[2].split(", ")]
+        ids = problem.metadata.ids_of_points(numbers, problem.num_points)
+        return f"{found[0]}, {ids}{', …' * ('…' in found[3])}" if ids else found[0]
+
+    return [_NAMED_POINTS.sub(with_ids, warning) for warning in warnings]
 
 
 def residuals(problem: Problem) -> NDArray[np.float64]:

@@ -9,13 +9,14 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_matrix
+    from scipy.sparse import bsr_matrix, csr_matrix
 
     from sfmcpp.ba.linearize import LinearModel
 
@@ -175,6 +176,21 @@ def _undetermined_cameras(model: LinearModel) -> list[int]:
         if len(own) and (diagonal.min() <= 0 or _least_eigenvalue(block, diagonal) < _RANK_TOLERANCE):
             found.append(camera)
     return found
+
+
+def inverse_of_points(blocks: bsr_matrix, points: NDArray[np.intp]) -> bsr_matrix:
+    """Inverse of the blocks (3, 3) of some points; one that is singular but for rounding is refused."""
+    diagonals = np.diagonal(blocks.data, axis1=1, axis2=2)
+    scale = 1 / np.sqrt(np.where(diagonals > 0, diagonals, 1.0))
+    least = np.linalg.eigvalsh(scale[:, :, None] * blocks.data * scale[:, None, :])[:, 0]
+    singular = np.flatnonzero(least < _RANK_TOLERANCE)
+    if len(singular):
+        point = points[np.searchsorted(blocks.indptr, singular[0], side="right") - 1]
+        raise InvalidArgument(
+            f"points[{point}]: its block is singular to working accuracy; damping > 0 is needed "
+            f"({len(singular):,} such points)"
+        )
+    return type(blocks)((np.linalg.inv(blocks.data), blocks.indices, blocks.indptr), blocks.shape)
 
 
 def _least_eigenvalue(block: np.ndarray, diagonal: np.ndarray) -> float:

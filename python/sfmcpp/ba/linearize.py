@@ -15,6 +15,7 @@ from sfmcpp.ba.linear_results import (
     ConstraintRows,
     Covariance,
     LinearStep,
+    inverse_of_points,
     moved_to_cameras,
     with_camera_names,
 )
@@ -144,7 +145,7 @@ class LinearModel:
         return by_camera, by_point
 
     def jacobian(self) -> csr_matrix:
-        """(2 M, columns) Jacobian J of the observations times √ρ′, two rows for each in turn, SciPy CSR."""
+        """(2 M, columns) Jacobian ∂r/∂δ of the residuals times √ρ′, two rows of each in turn, SciPy CSR."""
         from scipy.sparse import csr_matrix
 
         entries = np.concatenate(self.blocks(), axis=2)
@@ -196,21 +197,16 @@ class LinearModel:
         Raises
         ------
         InvalidArgument
-            If `damping` is negative, or a point's block is singular.
+            If `damping` is negative, or a point's block is singular to working accuracy, as of a point that
+            one camera sees.
         """
-        from scipy.sparse import bsr_matrix, diags
+        from scipy.sparse import diags
 
         require_not_negative("damping", damping)
         c = self.num_camera_columns
         normal, gradient = self.normal_matrix(), self.gradient()
         damped = (normal + damping * diags(normal.diagonal())).tocsr()
-        blocks = damped[c:, c:].tobsr((3, 3))
-        try:
-            inverse = bsr_matrix((np.linalg.inv(blocks.data), blocks.indices, blocks.indptr), blocks.shape)
-        except np.linalg.LinAlgError:
-            raise InvalidArgument(
-                "problem: the block of a point is singular; damping > 0 is needed"
-            ) from None
+        inverse = inverse_of_points(damped[c:, c:].tobsr((3, 3)), np.flatnonzero(self.point_columns >= 0))
         across = damped[:c, c:] @ inverse
         matrix = damped[:c, :c].toarray() - (across @ damped[c:, :c]).toarray()
         return matrix, -gradient[:c] + across @ gradient[c:]
@@ -218,7 +214,11 @@ class LinearModel:
     @property
     @with_camera_names
     def num_determined(self) -> int:
-        """Number of parameters that observations and constraints determine: the rank of H."""
+        """Number of parameters that observations and constraints determine: the rank of H.
+
+        Raises InvalidArgument where more than the gauge is open: for parts without a common point, for
+        projective cameras. `normal_matrix` is right for these, too.
+        """
         return self._core.num_determined()
 
     @property

@@ -253,13 +253,15 @@ class OwnParts:
     Raises
     ------
     InvalidArgument
-        If one is no problem, or cameras, intrinsics or rigs differ between ranks.
+        If one is no problem, cameras, intrinsics or rigs differ between ranks, or the points and observations
+        of two do not.
     """
 
     def __init__(self, problem: Problem, ranks: Ranks) -> None:
         self.mine = problem
         arrays = ranks.agreed(lambda: core_arrays(problem))
         require_alike(ranks, {name: arrays[name] for name in _REPLICATED if name in arrays})
+        _require_different(ranks, arrays)
 
     def collect(self) -> None:
         """Each rank keeps its part."""
@@ -275,6 +277,8 @@ def gathered(parts: OwnParts, ranks: Ranks) -> Problem | None:
     return joined_parts(collected) if collected else None
 
 
+# What tells a part from another, and of how many rows.
+_OF_PART, _COMPARED = ("camera_index", "point_index", "pixels", "points"), 10_000
 _REPLICATED = (
     "camera_model",
     "cameras",
@@ -296,6 +300,20 @@ def require_alike(ranks: Ranks, values: dict[str, Any]) -> None:
         for name in digests[0] | theirs:
             if theirs.get(name) != digests[0].get(name):
                 raise InvalidArgument(f"{name}: differs between ranks 0 and {rank}, must be the same on all")
+
+
+def _require_different(ranks: Ranks, arrays: dict[str, Any]) -> None:
+    """Refuse, on all ranks, two with the same part, mostly the whole problem: it would count twice."""
+    some = {name: (len(arrays[name]), digest(arrays[name][:_COMPARED])) for name in _OF_PART}
+    mine = digest(some) if len(arrays["pixels"]) else None
+    first: dict[str, int] = {}
+    for rank, theirs in enumerate(ranks.everyones(mine)):
+        if theirs is not None and first.setdefault(theirs, rank) != rank:
+            raise InvalidArgument(
+                f"problem: ranks {first[theirs]} and {rank} have the same points and observations, which "
+                "would count twice: pass the whole problem on rank 0 and None on all others, or to each rank "
+                "a part of its own"
+            )
 
 
 def is_whole_on_root(problem: Problem | None, ranks: Ranks) -> bool:

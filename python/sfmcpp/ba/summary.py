@@ -186,7 +186,7 @@ class Summary:
     version : str
         Version of this package.
     linear_solver_reason : str
-        Why this linear solver was chosen.
+        Why this linear solver was chosen; its MB are of the solver alone, `bytes` of the forecast of all.
     linear_solver_forecast : list of LinearSolverForecast
         Predicted cost of each solver considered.
     linear_solver_changes : list of LinearSolverChange

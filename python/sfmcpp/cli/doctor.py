@@ -59,12 +59,21 @@ def doctor(
     if report is not None:
         _write_report(source, problem, diagnosis, repaired, report)
     if fix is not None and repaired is not None:
-        write(repaired.problem, fix)
+        write(_without_emptied_points(problem, repaired.problem), fix)
     if not quiet:
         print_result(_text(source, problem, diagnosis))
         for line in _write_repaired(fix, repaired, diagnosis):
             print_result(line)
     return ExitCode.DONE
+
+
+def _without_emptied_points(before: Problem, after: Problem) -> Problem:
+    """The problem without the points that have lost all their observations."""
+    import numpy as np
+
+    views, left = (np.bincount(some.point_index, minlength=some.num_points) for some in (before, after))
+    emptied = (views > 0) & (left == 0)
+    return after.with_points(~emptied) if emptied.any() else after
 
 
 def _diagnose_problem(problem: Problem, solve: bool) -> Diagnosis:

@@ -91,7 +91,7 @@ def solve_file(job: Job) -> ExitCode:
     job.checkpoints.check()
     started = time.perf_counter()
     problem = _problem(job)
-    job.targets.check_fits(problem)
+    job.targets.check_fits(problem, refined=job.refine is not None)
     job.gps.check_fits(job.targets.positions, problem)
     if not job.quiet and job.options.get("max_iterations") != 0:
         job.gps.tell_if_missing(job.source, problem)
@@ -127,7 +127,7 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
     part = _part(job, ranks)
     if job.targets.problem is None:
         part = part.without_numbers()
-    ranks.from_root(lambda: job.targets.check_fits(part.problem))
+    ranks.from_root(lambda: job.targets.check_fits(part.problem, refined=job.refine is not None))
     size = ProblemSize.of(part.problem, ranks)
     seconds_read = time.perf_counter() - started
     summary = _solve(job, part.problem, ranks=ranks)

@@ -6,7 +6,7 @@ import os
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError, InvalidArgument
@@ -22,6 +22,8 @@ from sfmcpp.sources.io.files import (
 from sfmcpp.sources.io.format import Format
 
 PAGE_SUFFIXES = (".html", ".htm")
+# By how much what a solve will change is changed, to see whether a format holds it.
+_MOVED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,11 @@ class Targets:
             require_covariance_format(self.covariances)
         _require_distinct(self, source)
 
-    def check_fits(self, problem: Problem) -> None:
-        """Raise a DatasetError if the format of the result cannot hold `problem`, or it has no positions."""
+    def check_fits(self, problem: Problem, *, refined: bool = False) -> None:
+        """Raise a DatasetError if the format of the result cannot hold `problem`, or it has no positions.
+
+        Where its free intrinsics were chosen (`refined`), the format that it is from may not hold them.
+        """
         if self.positions is not None and not problem.is_metric:
             raise DatasetError(self.positions, f"{problem.camera_model} cameras have no positions")
         if self.page is not None:
@@ -75,10 +80,11 @@ class Targets:
             return
         chosen = format_of(self.problem)
         # A problem that comes from a file fits formats that hold any, and, if they need poses, its own.
-        if chosen.holds_every_model or (problem.is_metric and chosen.name == problem.metadata.source_format):
+        own = problem.is_metric and chosen.name == problem.metadata.source_format
+        if chosen.holds_every_model or (own and not refined):
             return
         with scratch_folder_beside(self.problem) as folder:
-            _try_to_write(problem, self.problem, Path(folder))
+            _try_to_write(_with_moved_lenses(problem), self.problem, Path(folder))
 
     def refuse_ranks(self) -> None:
         """Raise InvalidArgument if something is wanted that needs all of the problem; no process has it."""
@@ -150,6 +156,17 @@ def _require_distinct(targets: Targets, source: Path) -> None:
         if resolved in taken or (path != targets.problem and resolved == os.path.realpath(source)):
             raise DatasetError(path, "is named twice: input, output and all other files must differ")
         taken.append(resolved)
+
+
+def _with_moved_lenses(problem: Problem) -> Problem:
+    """The problem with free distortion, aspect ratios and skew off their defaults, as a solve leaves them."""
+    intrinsics = problem.intrinsics.copy()
+    for column, name in enumerate(problem.intrinsic_names):
+        if isinstance(problem.camera_model, str) and name not in ("f", "cx", "cy"):
+            default = 1.0 if name == "aspect" else 0.0
+            moved = (intrinsics[:, column] == default) & ~problem.fixed_intrinsics[:, column]
+            intrinsics[moved, column] += _MOVED
+    return replace(problem, intrinsics=intrinsics)
 
 
 def _try_to_write(problem: Problem, path: Path, folder: Path) -> None:

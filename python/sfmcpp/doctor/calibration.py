@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.case import Case, without_single_views
-from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.doctor.trial import Trial, adjusted
 from sfmcpp.errors import InvalidArgument
@@ -34,6 +34,24 @@ _MOST = 0.5
 _LENS = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
 # Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
 _RIDGE = 1e-12
+
+
+def focal_signs(case: Case) -> Iterator[Finding]:
+    """Find focal lengths that are not positive."""
+    focals = pinhole_rows(case.problem.intrinsics)[case.problem.intrinsics_index, 0]
+    cameras = numbers(np.flatnonzero((focals <= 0) & (case.views_of_cameras > 0)))
+    if cameras:
+        case.is_misread = True
+        yield Finding(
+            "focal-not-positive",
+            "error",
+            f"the focal length of {counted(len(cameras), 'camera')} is not positive: f = "
+            f"{focals[cameras[0]]:g} px",
+            "correct the program that wrote the intrinsics: a lens has f > 0, images upside down have "
+            "negative y",
+            case.named_cameras(cameras),
+            cameras=cameras,
+        )
 
 
 def calibration(case: Case) -> Iterator[Finding]:

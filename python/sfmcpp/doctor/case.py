@@ -29,10 +29,20 @@ TRIAL_OBSERVATIONS, TRIAL_CAMERAS = 100_000, 200
 
 
 class Case:
-    """A problem whose arrays keep the rules, without its second observations of a point by a camera."""
+    """A problem whose arrays keep the rules, without its second observations of a point by a camera.
 
-    def __init__(self, problem: Problem, constraints: Sequence[Group], summary: Summary | None) -> None:
+    `rows` are the numbers of its observations in the problem that was given; None: they are the same.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        constraints: Sequence[Group],
+        summary: Summary | None,
+        rows: NDArray[np.intp] | None = None,
+    ) -> None:
         self.problem = problem
+        self._rows = rows
         self.constraints = list(constraints)
         self.summary = summary
         self.skipped: list[str] = []
@@ -40,6 +50,11 @@ class Case:
         self.is_misread = False
         # Whether a distortion held at zero explains what wrong focal lengths might.
         self.lacks_distortion = False
+
+    def given_rows(self, some: Problem, chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Numbers, in the problem that was given, of the `chosen` observations of a part of this one."""
+        rows = np.flatnonzero(np.isin(observation_keys(self.problem), observation_keys(some)[chosen]))
+        return rows if self._rows is None else self._rows[rows]
 
     def name_of_camera(self, camera: int) -> str:
         """Its number, and the name of its image if there is one."""
@@ -149,6 +164,11 @@ class Case:
 def extent_px(problem: Problem) -> float:
     """Larger side of the box around most pixels, wrong ones left out [px]."""
     return float(np.ptp(np.quantile(problem.pixels, (0.01, 0.99), axis=0), axis=0).max())
+
+
+def observation_keys(problem: Problem) -> NDArray[np.int64]:
+    """(M,) a number for each camera and point: the same ones have the same."""
+    return problem.camera_index.astype(np.int64) * max(problem.num_points, 1) + problem.point_index
 
 
 def without_single_views(problem: Problem) -> Problem:

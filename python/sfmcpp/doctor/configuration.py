@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.conventions import better_at_start
-from sfmcpp.doctor.finding import Finding, counted, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
 from sfmcpp.geometry.pinhole import (
     PINHOLE,
     homogeneous,
@@ -106,7 +106,7 @@ def angles(case: Case) -> Iterator[Finding]:
         f"{counted(len(points), 'point')} ({share:.1%}) with a parallax below {_SIGMAS:g} σ of the noise "
         f"({_SIGMAS * trial.sigma_px:.2g} px): their depth is undetermined",
         "use longer baselines, or leave these points out: they only contribute to rotations",
-        named("point", points),
+        named_points(problem, points),
         points=points,
         measures={"share": share},
     )

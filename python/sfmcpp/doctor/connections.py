@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
 from sfmcpp.model import Problem, ResidualGroup, Rigs
 from sfmcpp.model.arrays import IndexArray
 
@@ -225,6 +225,6 @@ def _unobserving_cameras(case: Case) -> Iterator[Finding]:
                 f"{counted(len(points), 'point')} ({len(points) / case.problem.num_points:.1%}) with "
                 f"{text[0]}: {text[1]}",
                 "leave them out (Problem.with_points): they contribute nothing to the cameras",
-                named("point", points),
+                named_points(case.problem, points),
                 points=points,
             )

@@ -10,7 +10,7 @@ import numpy as np
 from sfmcpp import _core
 from sfmcpp.ba import Summary, check
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.doctor.calibration import calibration, undetermined
+from sfmcpp.doctor.calibration import calibration, focal_signs, undetermined
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotation, units
 from sfmcpp.doctor.connections import connections
@@ -32,6 +32,7 @@ from sfmcpp.model.residual_group import Group, checked_groups
 
 # Causes before what follows from them: of one severity, findings stay in this order.
 _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
+    focal_signs,
     coincident_centres,
     conventions,
     pure_rotation,
@@ -95,7 +96,10 @@ def diagnose(
         return Diagnosis([refused], ["all other checks: an array is invalid"])
     problem = replace(problem)  # its fields may have been set since: lists, subclasses of arrays
     faulty = [*duplicate_observations(problem), *no_image(problem)]
-    case = Case(_without_faulty_observations(problem, faulty), groups, summary)
+    rows = np.setdiff1d(
+        np.arange(problem.num_observations), [row for finding in faulty for row in finding.observations]
+    )
+    case = Case(problem.with_observations(rows) if faulty else problem, groups, summary, rows)
     findings = [*faulty, *_unsolvable(case)]
     with np.errstate(all="ignore"):  # numbers whose squares overflow are valid, and compare as infinite
         for examine in _examinations(case):
@@ -128,14 +132,6 @@ def _invalid_arrays(problem: Problem) -> Finding | None:
             "correct the program that wrote the array: a solve refuses it",
         )
     return None
-
-
-def _without_faulty_observations(problem: Problem, findings: Iterable[Finding]) -> Problem:
-    """The problem without the observations that are a fault by themselves."""
-    dropped = [row for finding in findings for row in finding.observations]
-    if not dropped:
-        return problem
-    return problem.with_observations(np.delete(np.arange(problem.num_observations), dropped))
 
 
 def _unsolvable(case: Case) -> Iterator[Finding]:

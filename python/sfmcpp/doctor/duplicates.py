@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
 from sfmcpp.model import Problem
 
 # Copies of a share s of the points make standard deviations smaller by s / 2. Features with two orientations
@@ -35,7 +35,7 @@ def duplicate_observations(problem: Problem) -> Iterator[Finding]:
             "error",
             f"{counted(len(repeated), 'observation')} of a point that the same camera already observes",
             "use --fix to keep the first of each; if the pixels differ, two different tracks were merged",
-            named("point", numbers(points)),
+            named_points(problem, numbers(points)),
             points=numbers(points),
             observations=numbers(repeated),
         )
@@ -101,14 +101,16 @@ def _duplicate_cameras(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Fin
 def _duplicate_points(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
     if pairs:
         copied = [copy for _, copy in pairs]
-        share = len(pairs) / max(case.problem.num_points, 1)
+        count = case.problem.num_points
+        share = len(pairs) / max(count, 1)
+        ids = case.problem.metadata.ids_of_points(pairs[0][::-1], count)
         yield Finding(
             "duplicate-points",
             "warning" if share > _NOTABLE_SHARE else "note",
             f"{counted(len(pairs), 'point')} ({share:.1%}) with exactly the observations of another point, "
-            f"which count twice: {pairs[0][1]} duplicates {pairs[0][0]}",
+            f"which count twice: {pairs[0][1]} duplicates {pairs[0][0]}" + (f" ({ids})" if ids else ""),
             "use --fix to drop the observations of the copies",
-            named("point", sorted(copied)),
+            named_points(case.problem, sorted(copied)),
             points=tuple(copied),
             measures={"share": share},
         )

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.model import Problem
+
 SEVERITIES = ("error", "warning", "note")
 
 _NAMED = 5
@@ -118,3 +120,10 @@ def named(what: str, indices: Sequence[int], name: Callable[[int], str] = str) -
     if len(indices) == 1:
         return f"{what} {listed}"
     return f"{what}s {listed}" if len(indices) <= _NAMED else f"{counted(len(indices), what)}: {listed}, …"
+
+
+def named_points(problem: Problem, points: Sequence[int]) -> str:
+    """Name some points, with COLMAP's identifiers where the problem has them."""
+    ids = problem.metadata.ids_of_points(points[:_NAMED], problem.num_points)
+    more = ", …" if len(points) > _NAMED else ""
+    return named("point", points) + (f" ({ids}{more})" if ids else "")

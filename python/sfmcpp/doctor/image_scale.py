@@ -38,15 +38,16 @@ def image_fill(case: Case) -> Iterator[Finding]:
     if medians is None:
         return
     case.is_misread = True
+    rounded = float(f"{scale:.2g}")  # keypoints tell no more digits
     reached = np.quantile(case.sample.pixels, _NEARLY_ALL[1], axis=0)
     width, height = np.median(_image_sizes_px(case.sample), axis=0)
     yield Finding(
         "pixels-of-another-size",
         "warning",
-        f"the pixels belong to images {scale:.2g} times as large (they reach {reached[0]:.0f}, "
+        f"the pixels belong to images {rounded:g} times as large (they reach {reached[0]:.0f}, "
         f"{reached[1]:.0f} in images of {width:.0f} × {height:.0f} px): the median error is {medians[0]:.3g} "
         f"px, and {medians[1]:.3g} px with f, cx and cy scaled by this factor",
-        f"multiply the pixels by {1 / scale:.3g}, or f, cx, cy and the image sizes by {scale:.2g}: the "
+        f"multiply the pixels by {1 / rounded:.3g}, or f, cx, cy and the image sizes by {rounded:g}: the "
         "photos were resized after their calibration",
         measures={"scale": scale, "median_px": medians[0], "median_scaled_px": medians[1]},
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from sfmcpp.ba.check import observations_without_image
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted, named, numbers
+from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
 from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
@@ -29,7 +29,7 @@ def no_image(problem: Problem) -> Iterator[Finding]:
             f"{counted(len(rows), 'observation')} of a point at the camera centre or at depth zero: the cost "
             "is undefined",
             "use --fix to drop them, or triangulate these points again",
-            named("point", numbers(points)),
+            named_points(problem, numbers(points)),
             points=numbers(points),
             observations=numbers(rows),
         )
@@ -55,7 +55,8 @@ def far_start(case: Case) -> Iterator[Finding]:
     yield Finding(
         "far-start",
         "note",
-        f"the initial state has an RMS error of {rms:.3g} px, a robust adjustment a median of "
+        f"the initial state has an RMS error of {rms:.3g} px per observation ({rms / np.sqrt(2):.3g} per "
+        f"coordinate, as a solve has it), a robust adjustment a median of "
         f"{trial.median_px:.3g} px; the worst cameras are {listed}",
         "nothing to do for a first estimate; if the problem was adjusted before, check whether poses, pixels "
         "or calibration have changed since",

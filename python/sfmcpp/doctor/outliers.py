@@ -96,6 +96,7 @@ def _outlier_finding(case: Case, trial: Trial, gross: BoolArray) -> Finding:
         _ADVICE[trial.loss],
         f"highest shares in cameras {listed}",
         cameras=worst,
+        observations=numbers(case.given_rows(trial.problem, gross)),
         measures={"share": share, "limit_px": limit},
     )
 

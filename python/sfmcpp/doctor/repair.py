@@ -39,7 +39,8 @@ def repair(problem: Problem, *, constraints: Iterable[Group] = ()) -> Repair:
     """Repair what can be repaired safely: duplicates, a mirrored y, disconnected parts, outliers.
 
     Repairs one fault at a time and diagnoses again after each. Cameras and points keep their indices: only
-    observations are dropped, and a solve does not change cameras and points without observations.
+    observations are dropped, and a solve does not change cameras and points without observations. On the
+    command line, points that have lost all theirs are left out of the file.
 
     Parameters
     ----------
@@ -106,15 +107,8 @@ def _without_gross_errors(problem: Problem, _: Finding, groups: list[Group]) -> 
     case = Case(problem, groups, None)
     if case.trial is None:
         return problem
-    wrong = case.trial.gross(case.sigma_px)
-    key = _observation_keys(problem)
-    return without_single_views(
-        problem.with_observations(~np.isin(key, _observation_keys(case.trial.problem)[wrong]))
-    )
-
-
-def _observation_keys(problem: Problem) -> NDArray[np.int64]:
-    return problem.camera_index.astype(np.int64) * problem.num_points + problem.point_index
+    wrong = case.given_rows(case.trial.problem, case.trial.gross(case.sigma_px))
+    return without_single_views(_without_observations(problem, wrong))
 
 
 def _without_observations(problem: Problem, rows: NDArray[np.integer]) -> Problem:

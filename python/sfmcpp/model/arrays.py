@@ -68,6 +68,17 @@ def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
     return array
 
 
+def require_double(name: str, *values: ArrayLike | None) -> None:
+    """Raise InvalidArgument for numbers of a function that has computed them in single precision or half."""
+    for value in values:
+        dtype = number_array(name, value).dtype if value is not None else np.dtype(np.float64)
+        if dtype.kind == "f" and dtype.itemsize < 8:
+            raise InvalidArgument(
+                f"{name}: returns {dtype}, must compute in float64: a solve needs its digits "
+                '(JAX: jax.config.update("jax_enable_x64", True))'
+            )
+
+
 def require_int32(name: str, array: NDArray[Any]) -> None:
     """Raise InvalidArgument at the largest whole number that does not fit in 32 bits: it would wrap."""
     if not array.size or np.can_cast(array.dtype, np.int32):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import FloatArray, finite_array, shaped_array
+from sfmcpp.model.arrays import FloatArray, finite_array, require_double, shaped_array
 from sfmcpp.model.checks import require_text
 
 if TYPE_CHECKING:
@@ -109,7 +109,8 @@ class CameraFunction:
         Raises
         ------
         InvalidArgument
-            If what a function returns has another shape, or a derivative is no finite number.
+            If what a function returns has another shape or is of single precision, or a derivative is no
+            finite number.
         """
         pixels = self._pixels(points, intrinsics)
         if not jacobians:
@@ -119,6 +120,7 @@ class CameraFunction:
         if not isinstance(found, tuple | list) or len(found) != 2:
             raise InvalidArgument(f"{label}: must be two arrays, by points and by intrinsics")
         by_point, by_intrinsics = found
+        require_double(label, by_point, by_intrinsics)
         return (
             pixels,
             finite_array(f"{label} by points", by_point, (count, 2, 3)),
@@ -173,7 +175,9 @@ class CameraFunction:
 
     def _pixels(self, points: FloatArray, intrinsics: FloatArray) -> FloatArray:
         label = f"camera_model {self.name!r}: project"
-        return shaped_array(label, self.project(points, intrinsics), (len(points), 2))
+        found = self.project(points, intrinsics)
+        require_double(label, found)
+        return shaped_array(label, found, (len(points), 2))
 
     def _differences(self, points: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
         here = self._pixels(points, intrinsics)

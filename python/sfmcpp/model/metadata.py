@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -80,6 +81,12 @@ class Metadata:
     def names(self, count: int) -> list[str]:
         """Names of `count` images: those that are known, or ``image_000001`` and so on where none are."""
         return self.image_names or [f"image_{i:06d}" for i in range(1, count + 1)]
+
+    def ids_of_points(self, points: Sequence[int], count: int) -> str:
+        """COLMAP's ids of some of `count` points for a message, ``"POINT3D_ID 7, 12"``; empty if unknown."""
+        ids = np.asarray(self.extra.get(_OF_POINTS[0], ()))
+        known = ids.shape == (count,) and len(points) > 0
+        return f"POINT3D_ID {', '.join(str(ids[p]) for p in points)}" if known else ""
 
     def of_observations(self, chosen: NDArray[Any], camera_index: IndexArray, pixels: FloatArray) -> Metadata:
         """Those of some observations, numbers or a mask, of the M that have these cameras and `pixels`.

@@ -246,8 +246,9 @@ class Problem:
 
         Parameters
         ----------
-        chosen : (c,) int or (C,) bool
-            Which cameras, by number, each once, or as a mask; they are numbered anew in this order.
+        chosen : (c,) int, (C,) bool or (c,) str
+            Which cameras, by number or name of their image, each once, or as a mask; they are numbered anew
+            in this order.
 
         Returns
         -------
@@ -257,7 +258,7 @@ class Problem:
         Raises
         ------
         InvalidArgument
-            If a number is out of range or there twice, or a mask has another length.
+            If a name is unknown, a number is out of range or there twice, or a mask has another length.
         """
         return selection.of_cameras(self, chosen)
 

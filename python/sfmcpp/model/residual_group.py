@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
+from sfmcpp.model.arrays import (
+    ANY,
+    FloatArray,
+    IndexArray,
+    finite_array,
+    number_array,
+    require_double,
+    require_int32,
+)
 from sfmcpp.model.constraints import ConstraintGroup, MemberGroup
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.problem import Problem
@@ -243,6 +251,7 @@ class ResidualGroup(MemberGroup):
                 f"{self._label('function')}: {len(derivatives)} arrays of derivatives, "
                 f"must be none or {len(arguments)}"
             )
+        require_double(self._label("function"), values, *derivatives)
         residuals = finite_array(self._label("function"), values, (self.num_members, ANY))
         return residuals, tuple(derivatives)
 

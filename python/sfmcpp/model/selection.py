@@ -67,9 +67,21 @@ def of_points(problem: Problem, chosen: ArrayLike) -> Problem:
     )
 
 
+def _numbers_of_names(problem: Problem, chosen: ArrayLike) -> ArrayLike:
+    """Numbers of the cameras that are given by the names of their images; anything else as it is."""
+    wanted = number_array("chosen", chosen)
+    if wanted.dtype.kind != "U":
+        return chosen
+    number = {name: k for k, name in enumerate(problem.metadata.image_names)}
+    for name in wanted.ravel().tolist():
+        if name not in number:
+            raise InvalidArgument(f"chosen: no image is called {name!r}")
+    return np.array([number[name] for name in wanted.ravel().tolist()], dtype=np.int64)
+
+
 def of_cameras(problem: Problem, chosen: ArrayLike) -> Problem:
     """Some of its cameras, with their observations, and the intrinsics and sensors that these use."""
-    cameras = each_once(chosen, problem.num_cameras, "camera")
+    cameras = each_once(_numbers_of_names(problem, chosen), problem.num_cameras, "camera")
     number = new_numbers(cameras, problem.num_cameras)
     kept = of_observations(problem, number[problem.camera_index] >= 0)
     metadata, rigs = kept.metadata.of_cameras(cameras, problem.num_cameras), kept.rigs

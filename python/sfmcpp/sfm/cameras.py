@@ -59,6 +59,8 @@ class Cameras:
         COLMAP's name of the model of each.
     model_is_open : bool
         Whether more intrinsics may be freed where the images show that they are needed.
+    ids : (G,) int64 or None
+        Identifiers in the database that they are from.
     """
 
     intrinsics: FloatArray
@@ -68,6 +70,7 @@ class Cameras:
     guessed: BoolArray
     names: list[str]
     model_is_open: bool = False
+    ids: NDArray[np.int64] | None = None
 
 
 def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:

@@ -236,7 +236,9 @@ def match_graph_of_database(
     MatchGraph
         Images in the order of their names, with the keypoints that COLMAP detected and the matches that it
         has verified (all matches where it has verified none). Images of one camera share it; its focal
-        length counts where the files told it, and so do their positions if they are WGS84.
+        length counts where the files told it, and so do their positions if they are WGS84. A reconstruction
+        keeps the identifiers of images and cameras, and the cameras' models unless another is asked for;
+        `warnings` say what of the database is not used.
 
     Raises
     ------
@@ -253,11 +255,20 @@ def match_graph_of_database(
             [photo.size for photo in found.photos],
             [photo.name for photo in found.photos],
             found.scales,
-            intrinsics=found.intrinsics,
+            intrinsics=[
+                None if photo.focal_px is None else camera.intrinsics
+                for photo, camera in zip(found.photos, found.cameras, strict=True)
+            ],
             seed=seed,
             threads=threads,
             progress=progress,
         )
     except InvalidArgument as error:
         raise DatasetError(path, str(error)) from error
-    return replace(graph, photos=found.photos)
+    return replace(
+        graph,
+        photos=found.photos,
+        image_ids=found.image_ids,
+        cameras=found.cameras,
+        warnings=found.unused,
+    )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.geometry import TwoViewGeometry
 from sfmcpp.model.photos import Features, Photo
+from sfmcpp.sources.io.colmap.database import DatabaseCamera
 
 Matches = NDArray[np.int32]
 
@@ -52,9 +53,18 @@ class MatchGraph:
         Those that were tried, in the order of their numbers, also those without a geometry.
     unreadable : dict
         Reason for each file that was left out, by its name.
+    image_ids : list of int or None
+        Identifiers of the images in the COLMAP database that they are from.
+    cameras : list of DatabaseCamera or None
+        Camera of each image in that database.
+    warnings : list of str
+        What a user should know of the source, in sentences.
     """
 
     photos: list[Photo]
     features: list[Features]
     pairs: list[Pair]
     unreadable: dict[str, str] = field(default_factory=dict)
+    image_ids: list[int] | None = None
+    cameras: list[DatabaseCamera] | None = None
+    warnings: list[str] = field(default_factory=list)

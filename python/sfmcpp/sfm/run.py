@@ -23,6 +23,7 @@ from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cameras, parse_camera_argument
+from sfmcpp.sfm.database_cameras import as_in_database
 from sfmcpp.sfm.focal_lengths import undetermined_focal_warnings
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
@@ -75,6 +76,13 @@ class _Run:
     def cameras_of(self, photos: list[Photo]) -> Cameras:
         return self.cameras.cameras(photos, sharing=self.sharing, model=self.model)
 
+    def cameras_of_graph(self, graph: MatchGraph) -> Cameras:
+        cameras = self.cameras_of(graph.photos)
+        if graph.cameras is None:
+            return cameras
+        focal_only = self.cameras.calibration is None
+        return as_in_database(cameras, graph.cameras, keep_models=focal_only and self.model == "auto")
+
 
 def reconstruct(
     source: Source,
@@ -110,8 +118,8 @@ def reconstruct(
         ``K.txt`` or ``calib.txt``, or intrinsics (5,), (12,) or (3, 3): known and held fixed.
     camera_model : str
         Which intrinsics are estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
-        or ``"opencv"``. ``"auto"``: ``"simple-radial"``, then more parameters if they lower the cost enough.
-        ``"fixed"``: none.
+        or ``"opencv"``. ``"auto"``: those of the models in a COLMAP database; else ``"simple-radial"``, then
+        more parameters if they lower the cost enough. ``"fixed"``: none.
     shared_camera : str
         Which images share intrinsics: ``"auto"``, ``"one"``, ``"folder"`` or ``"each"``; see
         :func:`sfmcpp.sfm.cameras.shared_by`.
@@ -199,7 +207,8 @@ def _scene_of(
     cache: Cache | None,
 ) -> Scene:
     if isinstance(source, MatchGraph):
-        return Scene.of(source, _with_guessed_focals(source, run.cameras_of(source.photos)))
+        run.warnings += source.warnings
+        return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source)))
     if isinstance(source, ImageTracks):
         return _scene_of_tracks(source, run, front.threads)
     path = Path(source)

@@ -51,6 +51,7 @@ class Scene:
             self.cameras.intrinsics,
             fixed=self.cameras.fixed,
             sizes=self.cameras.sizes,
+            ids=self.cameras.ids,
             names=self.cameras.names,
         )
         world.add_points(np.full((self.tracks.count, 3), np.nan))
@@ -60,6 +61,7 @@ class Scene:
             np.diff(self.tracks.begin),
             np.concatenate([np.empty((0, 2)), *(some.pixels for some in features)]),
             points=self.tracks.track,
+            ids=self.graph.image_ids,
             colors=np.concatenate([np.empty((0, 3), dtype=np.uint8), *(some.colors for some in features)]),
             scales=np.concatenate([np.empty(0), *(some.scales for some in features)]),
         )

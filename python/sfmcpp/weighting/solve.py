@@ -73,9 +73,9 @@ def solve(
 
         On scenes with sensors of known noise (bench/experiments, "whole-weights") the error with "variance"
         is 1 % above that with the true weights in the median, at most 8 %; with cross-validation 0 to 3 %,
-        but in some runs it chose no weight at all; with trade-off criteria 1 to 330 %. A faulty sensor bends
-        the result where the images drift as much, and its equivalent standard deviation grows less than it
-        should.
+        but in some runs it chose no weight at all, or one far off; with trade-off criteria 1 to 330 %. A
+        faulty sensor bends the result where the images drift as much, and its equivalent standard deviation
+        grows less than it should.
 
         Own residuals have a standard deviation in their own unit: 1 if they are divided by σ. In a group with
         a robust loss, members beyond 4.6 standard deviations do not influence the weight.
@@ -158,7 +158,14 @@ class _Weights:
     warnings: list[str]
 
     def describe(self, summary: Summary, contradictions: list[str]) -> Summary:
-        warnings = [*summary.warnings, *self.warnings, *contradictions]
+        ends = [
+            f"constraints[{one.name!r}]: the weight by {one.method} is at the end of what was tried "
+            f"(σ = {one.sensor_sigma:.3g} {one.unit}), with no better one inside: declare σ, or choose by "
+            "'variance'"
+            for one in self.chosen
+            if one.at_end
+        ]
+        warnings = [*summary.warnings, *self.warnings, *ends, *contradictions]
         return replace(summary, group_weights=self.chosen, warnings=warnings)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +53,18 @@ def test_steps_bend_as_those_of_the_built_in_model() -> None:
     plain = sfmcpp.solve(scene(), **(options | {"acceleration": "none"}))
     costs, others, without = (s.history()["cost"] for s in (found, expected, plain))
     assert abs(costs[1] - others[1]) < 1e-3 * abs(costs[1] - without[1])
+
+
+def test_single_precision_is_refused() -> None:
+    """Differences of it are noise, and derivatives in it lead to another minimum."""
+    halved = replace(own_bal(False), project=lambda x, k: bal(x, k).astype(np.float32))
+    with pytest.raises(InvalidArgument, match="project: returns float32, must compute in float64"):
+        sfmcpp.solve(copied(scene(), halved))
+    rough = replace(
+        own_bal(), jacobians=lambda x, k: tuple(part.astype(np.float32) for part in bal_jacobians(x, k))
+    )
+    with pytest.raises(InvalidArgument, match="derivatives: returns float32"):
+        sfmcpp.solve(copied(scene(), rough))
 
 
 @pytest.mark.parametrize("with_jacobians", [True, False])

@@ -263,6 +263,18 @@ def test_the_reduced_system_is_the_normal_equations_without_the_points() -> None
     assert repr(model).startswith("LinearModel(5 cameras, 30 points: ")
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_the_reduced_system_is_refused_with_a_point_that_one_camera_sees(seed: int) -> None:
+    """Rounding seldom leaves an exact zero in its block: the inverse was any matrix."""
+    problem = sfmcpp.circle_scene(6, 20, seed=seed)
+    once = problem.with_observations((problem.point_index != 4) | (problem.camera_index == 0))
+    model = sfmcpp.linearize(sfmcpp.perturb(once, point_sigma_m=0.1, seed=seed))
+    with pytest.raises(InvalidArgument, match=r"points\[4\]: its block is singular"):
+        model.reduced_system()
+    matrix, _ = model.reduced_system(1e-3)
+    np.testing.assert_allclose(matrix, matrix.T, rtol=1e-9, atol=1e-9 * np.abs(matrix).max())
+
+
 def test_the_gradient_is_that_of_the_cost() -> None:
     problem = sfmcpp.circle_scene(4, 20, pixel_sigma_px=1.0, seed=0)
     problem.fixed_cameras[:2] = True

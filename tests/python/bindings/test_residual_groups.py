@@ -25,6 +25,12 @@ def copied_positions(centres: Array, with_jacobian: bool) -> ResidualGroup:
     return ResidualGroup(own, CAMERAS, name="gps", weight=40.0)
 
 
+def test_single_precision_is_refused() -> None:
+    group = ResidualGroup(lambda poses: poses[:, :, 3].astype(np.float32), CAMERAS, name="gps")
+    with pytest.raises(sfmcpp.InvalidArgument, match="returns float32, must compute in float64"):
+        sfmcpp.solve(scene(), constraints=[group])
+
+
 @pytest.mark.parametrize("loss", ["squared", "huber", "tukey"])
 @pytest.mark.parametrize("method", ["lm-nielsen", "dog-leg"])
 def test_a_copy_of_the_position_constraint_takes_the_same_iterations(loss: str, method: str) -> None:

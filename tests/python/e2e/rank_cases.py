@@ -231,6 +231,7 @@ def refusals() -> None:
     moved = own_part(scene())
     moved.cameras[0, 0, 3] += last
     refused(f"cameras: differs between ranks 0 and {COMM.size - 1}", moved)
+    refused("problem: ranks 0 and 1 have the same points and observations", scene())
     whole = scene() if COMM.rank == 0 else None
     if whole is not None:
         whole.point_index[7] = 5000

@@ -83,3 +83,14 @@ def test_what_cannot_be_read_or_written_is_one_line(tmp_path: Path, arguments: l
     result = run_here("doctor", *arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert is_one_error_line(result)
+
+
+def test_a_repaired_file_has_no_points_that_have_lost_all_observations(tmp_path: Path) -> None:
+    problem = sfmcpp.perturb(sfmcpp.circle_scene(8, 100, seed=2), point_sigma_m=0.05, seed=2)
+    few = np.flatnonzero(problem.point_index == 4)
+    problem = problem.with_observations(np.delete(np.arange(problem.num_observations), few[2:]))
+    problem.pixels[problem.point_index == 4] += [[300, -200], [-250, 300]]
+    sfmcpp.write(problem, tmp_path / "wrong.npz")
+    run_here("doctor", tmp_path / "wrong.npz", "--fix", tmp_path / "fixed.npz")
+    fixed = sfmcpp.read(tmp_path / "fixed.npz")
+    assert fixed.num_points == np.unique(fixed.point_index).size < problem.num_points

@@ -127,6 +127,21 @@ def test_a_colmap_model_with_rigs_is_not_replaced_by_half_and_no_work_is_done_in
     assert "frames.bin: the model that is there would be replaced" in result.stderr
 
 
+def test_intrinsics_that_the_format_cannot_hold_once_refined_are_refused_before_the_solve(
+    tmp_path: Path,
+) -> None:
+    sfmcpp.write(noisy_circle(camera_model="perspective"), tmp_path / "model")
+    source, target, report = (tmp_path / name for name in ("model", "refined", "report.json"))
+    asked = ("--refine", "f,k3", "--report", report)
+    result = run_here("solve", source, "-o", target, *asked)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert f"{target}: " in result.stderr
+    assert "k3" in result.stderr
+    assert list(tmp_path.iterdir()) == [source]
+    assert run_here("solve", source, "-o", target, "--refine", "f,k1,k2").returncode == 0
+
+
 def test_a_result_that_its_format_cannot_hold_is_refused_before_the_solve(tmp_path: Path) -> None:
     problem = noisy_circle(camera_model="perspective")
     problem.intrinsics[:, problem.intrinsic_names.index("k5")] = 1e-9

@@ -31,6 +31,7 @@ from sfmcpp.sources.io import (
     transforms,
 )
 from sfmcpp.sources.io.checks import require_valid
+from sfmcpp.sources.io.colmap.database import is_database
 from sfmcpp.sources.io.colmap.fisheye import is_fisheye
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.format import Format
@@ -268,6 +269,10 @@ def format_of(path: Path) -> Format:
     for candidate in FORMATS:
         if candidate.claims(path):
             return candidate
+    if is_database(path):
+        raise DatasetError(path, "is a database of COLMAP: sfmcpp reconstruct makes a model of it")
+    if path.suffix == ".db" and path.exists():
+        raise DatasetError(path, "is no database of SQLite, as COLMAP's are")
     suffixes = ", ".join(suffix for f in FORMATS for suffix in f.suffixes)
     raise DatasetError(
         path, f"its name tells no format: must end in {suffixes}, or be the folder of a COLMAP model"

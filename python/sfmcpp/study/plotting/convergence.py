@@ -40,6 +40,7 @@ class _Curve:
     iteration: NDArray[np.int64]
     seconds: NDArray[np.float64]
     height: NDArray[np.float64]
+    lowest: NDArray[np.bool_]
     accepted: NDArray[np.bool_]
 
 
@@ -49,7 +50,8 @@ def plot_convergence(
 ) -> Figure:
     """Plot the relative excess cost over the lowest cost, by iteration and time, on a logarithmic scale.
 
-    A dot is an accepted step, a cross a rejected one. If every cost is zero or none is finite, the
+    A dot is an accepted step, a cross a rejected one; an open dot is at the lowest cost or within 1e-9 of it,
+    and stands below all others, wherever that is. If every cost is zero or none is finite, the
     costs themselves are drawn.
 
     Parameters
@@ -81,7 +83,7 @@ def plot_convergence(
     best = _lowest(costs) if best_cost is None else best_cost
     edge = SMALLEST_GAP if best_cost is not None else _display_minimum(costs, best)
     curves = [
-        _curve(*run, cost, position, _drawn_costs(cost, best, edge))
+        _curve(*run, cost, position, _drawn_costs(cost, best, edge), -1.0 if best is None else edge)
         for position, (run, cost) in enumerate(zip(named.items(), costs, strict=True))
     ]
     figure = new_figure(10, 4)
@@ -123,7 +125,7 @@ def _drawn_costs(cost: NDArray[np.float64], best: float | None, edge: float) -> 
 
 
 def _curve(
-    name: str, run: Run, cost: NDArray[np.float64], position: int, height: NDArray[np.float64]
+    name: str, run: Run, cost: NDArray[np.float64], position: int, height: NDArray[np.float64], edge: float
 ) -> _Curve:
     iterations = _iterations(run)
     return _Curve(
@@ -134,6 +136,7 @@ def _curve(
         np.array([i.iteration for i in iterations]),
         np.array([i.seconds for i in iterations]),
         height,
+        height <= edge,
         np.array([i.accepted for i in iterations]),
     )
 
@@ -151,7 +154,8 @@ def _draw(axes: Axes, curve: _Curve, at: NDArray[np.int64] | NDArray[np.float64]
     dot = 5.0 if len(at) <= 60 else 2.5
     axes.plot(at, curve.height, color=curve.color, linestyle=curve.dash, linewidth=1.6)
     taken, refused = curve.accepted, ~curve.accepted
-    axes.plot(at[taken], curve.height[taken], "o", color=curve.color, markersize=dot)
+    for which, face in ((taken & ~curve.lowest, curve.color), (taken & curve.lowest, "white")):
+        axes.plot(at[which], curve.height[which], "o", color=curve.color, mfc=face, markersize=dot)
     axes.plot(
         at[refused], curve.height[refused], "x", color=curve.color, markersize=1.4 * dot, markeredgewidth=1.6
     )
@@ -181,11 +185,13 @@ def _add_legend(left: Axes, right: Axes, curves: list[_Curve]) -> None:
     ]
     if any((~curve.accepted).any() for curve in curves):
         handles += [_marker("o", "accepted step"), _marker("x", "rejected step")]
+    if handles and any((curve.lowest & curve.accepted).any() for curve in curves):
+        handles.append(_marker("o", f"within {SMALLEST_GAP:g} of the lowest", "white"))
     if len(handles) > _MOST_INSIDE:
         right.legend(handles=handles, fontsize=9, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     elif handles:
         left.legend(handles=handles, fontsize=9, frameon=False, loc="upper right")
 
 
-def _marker(marker: str, label: str) -> Line2D:
-    return Line2D([], [], color=MUTED, marker=marker, linestyle="none", markersize=5, label=label)
+def _marker(marker: str, label: str, face: str = MUTED) -> Line2D:
+    return Line2D([], [], color=MUTED, marker=marker, mfc=face, linestyle="none", markersize=5, label=label)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sfmcpp import SCENES, Problem, diagnose, perturb
+from sfmcpp import SCENES, Problem, circle_scene, diagnose, perturb
 
 # Cameras, points and seed of a scene; thresholds were chosen in view of a flight over a beach.
 SIZES = {
@@ -77,3 +77,12 @@ def test_a_start_off_by_tens_of_pixels_is_noted_with_the_cameras() -> None:
     assert finding.severity == "note"
     assert finding.cameras[0] == 4
     assert finding.measures["rms_px"] > 20
+
+
+def test_focal_lengths_that_are_not_positive_are_an_error_by_name() -> None:
+    problem = perturb(circle_scene(8, 100, seed=3), point_sigma_m=0.02, seed=3)
+    assert diagnose(problem).is_healthy
+    problem.intrinsics[:, 0] *= -1
+    finding = diagnose(problem).findings[0]
+    assert (finding.code, finding.severity) == ("focal-not-positive", "error")
+    assert finding.cameras == tuple(range(8))

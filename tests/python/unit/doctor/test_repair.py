@@ -43,6 +43,31 @@ def test_a_repaired_problem_is_healthy_and_solves_as_the_sound_one(name: str) ->
     assert solved_rms_px(mended.problem) < 1.1 * solved_rms_px(sound())
 
 
+def test_a_finding_tells_which_observations_are_outliers() -> None:
+    problem = sound()
+    wrong = np.arange(20, problem.num_observations, 97)
+    problem.pixels[wrong] += 200
+    # The doctor examines the problem without repeated observations, and still counts as the problem does.
+    twice = np.concatenate([[0, 1, 2], np.arange(problem.num_observations)])
+    (found,) = (f for f in diagnose(problem.with_observations(twice)).findings if f.code == "outliers")
+    assert found.observations == tuple(wrong + 3)
+
+
+def test_points_are_named_by_colmaps_identifiers_too() -> None:
+    problem = sound().with_observations(~np.isin(sound().point_index, [3, 8]))
+    problem.metadata.extra["colmap_point_ids"] = np.arange(problem.num_points) + 1000
+    found = next(f for f in diagnose(problem).findings if f.code == "unobserved-points")
+    assert found.where == "points 3, 8 (POINT3D_ID 1003, 1008)"
+    (warning,) = sfmcpp.check(problem)
+    assert warning == "points 3, 8, POINT3D_ID 1003, 1008: no observations, left as given"
+    assert warning in sfmcpp.solve(problem.copy(), max_iterations=1).warnings
+    many = sound().with_observations(sound().point_index >= 7)
+    many.metadata.extra["colmap_point_ids"] = np.arange(many.num_points) + 1000
+    assert sfmcpp.check(many)[0].startswith(
+        "7 points (0, 1, 2, 3, 4, …), POINT3D_ID 1000, 1001, 1002, 1003, 1004, …: no observations"
+    )
+
+
 def test_a_sound_problem_is_left_alone() -> None:
     mended = repair(sound())
     assert mended.done == []

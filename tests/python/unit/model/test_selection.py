@@ -210,3 +210,13 @@ def uneven() -> Problem:
 def test_what_does_not_fit_is_refused_by_name(call: Callable[[], object], told: str) -> None:
     with pytest.raises(InvalidArgument, match=told):
         call()
+
+
+def test_cameras_are_chosen_by_the_names_of_their_images() -> None:
+    problem = scene()
+    problem.metadata.image_names = [f"{k}.jpg" for k in range(problem.num_cameras)]
+    fewer = problem.with_cameras(["3.jpg", "1.jpg"])
+    assert fewer.metadata.image_names == ["3.jpg", "1.jpg"]
+    np.testing.assert_array_equal(fewer.cameras, problem.cameras[[3, 1]])
+    with pytest.raises(InvalidArgument, match=r"chosen: no image is called '7\.png'"):
+        problem.with_cameras(["1.jpg", "7.png"])

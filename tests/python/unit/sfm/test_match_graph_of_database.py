@@ -65,8 +65,12 @@ def test_images_are_sorted_by_name_with_their_cameras_and_positions(tmp_path: Pa
     assert [photo.focal_px for photo in found.photos] == [700, 700, None]
     assert [photo.camera for photo in found.photos] == ["1", "1", "4"]
     assert [photo.position for photo in found.photos] == [(46.8, -92.0, 200.0), None, None]
-    assert found.intrinsics[2] is None
-    np.testing.assert_array_equal(found.intrinsics[0], [700, 1, 320, 240, 0, 0.1, 0, 0, 0, 0, 0, 0])
+    assert found.image_ids == [5, 3, 8]
+    assert [(camera.id, camera.model) for camera in found.cameras] == [
+        *[(1, "SIMPLE_RADIAL")] * 2,
+        (4, "PINHOLE"),
+    ]
+    np.testing.assert_array_equal(found.cameras[0].intrinsics, [700, 1, 320, 240, 0, 0.1, 0, 0, 0, 0, 0, 0])
 
 
 def test_keypoints_have_the_sizes_that_their_columns_tell(tmp_path: Path) -> None:
@@ -103,6 +107,8 @@ def change(path: Path, statement: str) -> None:
         ("UPDATE cameras SET width = 0", "image size 0x480 is impossible"),
         ("UPDATE cameras SET params = x'00'", "has 1 bytes, must have 1 rows of 32 bytes"),
         ("UPDATE cameras SET params = zeroblob(32)", "parameters [0.0, 0.0, 0.0, 0.0] are impossible"),
+        ("UPDATE cameras SET camera_id = 'x' WHERE camera_id = 4", "camera x = 'x': must be a whole number"),
+        ("UPDATE images SET image_id = -3 WHERE image_id = 3", "'b.jpg': id = -3: must be a whole number"),
         ("UPDATE images SET camera_id = 2", "'a.jpg': camera 2 is not in the list"),
         ("UPDATE images SET name = 'a.jpg'", "'a.jpg' is there more than once"),
         ("UPDATE keypoints SET rows = 1000000000000", "must have 1000000000000 rows of"),
@@ -139,6 +145,41 @@ def test_a_damaged_file_is_refused(tmp_path: Path, damage: Callable[[bytes], byt
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(DatasetError, match=reason):
         match_graph_of_database(path)
+
+
+def test_what_is_not_used_is_said(tmp_path: Path) -> None:
+    path = write_database(tmp_path / "database.db")
+    (cartesian,) = match_graph_of_database(path).warnings
+    assert cartesian.startswith("Cartesian position priors in the database (1) are not used")
+    change(
+        path,
+        "DELETE FROM pose_priors; CREATE TABLE rig_sensors (rig_id, sensor_id);"
+        "INSERT INTO rig_sensors VALUES (1, 4)",
+    )
+    (rigs,) = match_graph_of_database(path).warnings
+    assert rigs.startswith("rigs of several cameras in the database (1) are not used")
+    change(path, "DELETE FROM rig_sensors")
+    assert match_graph_of_database(path).warnings == []
+
+
+def test_a_model_keeps_the_identifiers_and_the_camera_model_of_its_database(tmp_path: Path) -> None:
+    pytest.importorskip("poselib", reason="PoseLib is not installed: pip install 'sfmcpp[vision]'")
+    path = tmp_path / "database.db"
+    pycolmaps(path)
+    change(  # images are detected in any order, names then tell no identifier
+        path,
+        "UPDATE images SET name = 'z' || name WHERE image_id = 1; UPDATE cameras SET camera_id = 7;"
+        "UPDATE images SET camera_id = 7",
+    )
+    run = reconstruct(path)
+    extra = run.problem().metadata.extra
+    assert extra["colmap_image_ids"].tolist() == [2, 3, 4, 5, 6, 1]
+    assert extra["colmap_camera_ids"].tolist() == [7]
+    assert extra["colmap_camera_models"] == ["SIMPLE_RADIAL"]
+    asked = reconstruct(path, camera_model="opencv").problem().metadata.extra
+    assert (asked["colmap_camera_ids"].tolist(), asked["colmap_camera_models"]) == ([7], ["OPENCV"])
+    alone = reconstruct(path, shared_camera="each").problem().metadata.extra
+    assert alone["colmap_camera_ids"].tolist() == [1, 2, 3, 4, 5, 6]
 
 
 def pycolmaps(path: Path) -> Any:

@@ -154,6 +154,14 @@ def test_trade_off_scores_are_those_of_plain_solves(
 def test_a_choice_at_the_end_of_what_was_tried_says_so() -> None:
     truth = sfmcpp.circle_scene(12, 60, pixel_sigma_px=0.7, seed=3)
     (without_corner,) = choose(truth.copy(), gps(truth, 0.1), weight="ltn")
+    group = gps(truth, 0.1)
+    told = sfmcpp.solve(truth.copy(), constraints=[group], weight="ltn").warnings
+    assert any(
+        line.startswith(
+            f"constraints[{group.name!r}]: the weight by ltn is at the end of what was tried (σ = "
+        )
+        for line in told
+    )
     finite = without_corner.weights[np.isfinite(without_corner.score)]
     inside, ends = float(finite[len(finite) // 2]), finite[[0, -1]].tolist()
     for weight in ends:

@@ -23,6 +23,7 @@ from sfmcpp.sources.io.colmap.camera_models import (
     intrinsics_from_params,
     unsupported,
 )
+from sfmcpp.sources.io.colmap.tables import LARGEST_ID
 from sfmcpp.sources.io.files import failures_named
 
 _MAGIC = b"SQLite format 3\0"
@@ -31,9 +32,18 @@ _TABLES = ("cameras", "images", "keypoints", "matches")
 _PAIR_BASE = 2**31 - 1
 _WATERMARK = 7
 _LEAST_FOCAL_PX = 1.0
-_CAMERA_SENSOR, _WGS84 = 0, 0
+_CAMERA_SENSOR, _WGS84, _CARTESIAN = 0, 0, 1
 # Columns of keypoints: x, y; then scale and angle, or the four numbers of an affine shape.
 _SCALED, _AFFINE = 4, 6
+
+
+@dataclass(frozen=True, eq=False)
+class DatabaseCamera:
+    """A camera of a database: identifier, COLMAP's name of its model, and (12,) perspective intrinsics."""
+
+    id: int
+    model: str
+    intrinsics: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +54,10 @@ class ColmapDatabase:
     ----------
     photos : list of Photo
         Names, sizes, cameras, and what is known from their files: focal length and position.
-    intrinsics : list of (12,) float64 or None
-        Of each image's camera, by the perspective model; None where the focal length is a guess.
+    image_ids : list of int
+        Identifiers.
+    cameras : list of DatabaseCamera
+        Of each image; its focal length is a guess where that of the photo is None.
     keypoints : list of (n, 2) float64
         Places [px].
     scales : list of (n,) float64
@@ -53,13 +65,17 @@ class ColmapDatabase:
     matches : dict of (m, 2) int32
         For each pair of numbers of images, which keypoints look alike: those that COLMAP has verified, or
         all where it has verified none.
+    unused : list of str
+        Sentences on what it holds and this has not.
     """
 
     photos: list[Photo]
-    intrinsics: list[FloatArray | None]
+    image_ids: list[int]
+    cameras: list[DatabaseCamera]
     keypoints: list[FloatArray]
     scales: list[FloatArray]
     matches: dict[tuple[int, int], NDArray[np.int32]]
+    unused: list[str]
 
 
 def is_database(path: Path) -> bool:
@@ -104,36 +120,41 @@ class _Reader:
         missing = [name for name in _TABLES if name not in self._tables]
         if missing:
             raise self._error(f"is no database of COLMAP: it lacks {', '.join(missing)}")
-        photos, intrinsics, number_of = self._photos()
+        photos, cameras, number_of = self._photos()
         keypoints, scales = self._keypoints(number_of)
         counts = [len(places) for places in keypoints]
-        return ColmapDatabase(photos, intrinsics, keypoints, scales, dict(self._matches(number_of, counts)))
+        matches = dict(self._matches(number_of, counts))
+        return ColmapDatabase(
+            photos, list(number_of), cameras, keypoints, scales, matches, list(self._unused())
+        )
 
-    def _photos(self) -> tuple[list[Photo], list[FloatArray | None], dict[Any, int]]:
+    def _photos(self) -> tuple[list[Photo], list[DatabaseCamera], dict[int, int]]:
         """Images with what is known of their cameras, and their numbers by identifier."""
         cameras, positions = dict(self._cameras()), dict(self._positions())
         photos: list[Photo] = []
-        intrinsics: list[FloatArray | None] = []
-        number_of: dict[Any, int] = {}
+        used: list[DatabaseCamera] = []
+        number_of: dict[int, int] = {}
         for image, name, camera in self._rows("SELECT image_id, name, camera_id FROM images ORDER BY name"):
             if camera not in cameras:
                 raise self._error(f"images: {name!r}: camera {camera} is not in the list of cameras")
+            self._require_id(f"images: {name!r}: id", image)
             if image in number_of:
                 raise self._error(f"images: {name!r}: id {image} is used twice")
-            size, row, known = cameras[camera]
-            focal = float(row[0]) if known else None
+            size, found, known = cameras[camera]
+            focal = float(found.intrinsics[0]) if known else None
             number_of[image] = len(photos)
             photos.append(Photo(str(name), None, size, focal, str(camera), positions.get(image)))
-            intrinsics.append(row if known else None)
+            used.append(found)
         if not photos:
             raise self._error("holds no images")
-        return photos, intrinsics, number_of
+        return photos, used, number_of
 
-    def _cameras(self) -> Iterator[tuple[int, tuple[tuple[int, int], FloatArray, bool]]]:
-        """Size, intrinsics, and whether the focal length is known, by identifier."""
+    def _cameras(self) -> Iterator[tuple[int, tuple[tuple[int, int], DatabaseCamera, bool]]]:
+        """Size, camera, and whether the focal length is known, by identifier."""
         columns = "camera_id, model, width, height, params, prior_focal_length"
         for camera, model, width, height, params, known in self._rows(f"SELECT {columns} FROM cameras"):
             what = f"cameras: camera {camera}"
+            self._require_id(what, camera)
             if NAME_OF_NUMBER.get(model) not in MODELS:
                 raise self._error(f"{what}: {unsupported(model, MODELS)}")
             if not all(isinstance(side, int) and 0 < side <= LARGEST_COUNT for side in (width, height)):
@@ -144,20 +165,38 @@ class _Reader:
             if not (_are_plausible(numbers).all() and (focals >= _LEAST_FOCAL_PX).all()):
                 raise self._error(f"{what}: parameters {numbers.tolist()} are impossible")
             row = intrinsics_from_params([name], [numbers.tolist()])[0][0]
-            yield camera, ((width, height), row, bool(known))
+            yield camera, ((width, height), DatabaseCamera(camera, name, row), bool(known))
 
     def _positions(self) -> Iterator[tuple[int, tuple[float, float, float]]]:
         """Latitude, longitude [deg] and height [m] by image."""
+        for image, blob in self._priors(_WGS84):
+            latitude, longitude, height = self._array("pose_priors", blob, 1, 3, np.float64)[0].tolist()
+            if np.isfinite([latitude, longitude]).all():
+                yield image, (latitude, longitude, height)
+
+    def _priors(self, system: int) -> Iterator[tuple[Any, Any]]:
+        """Image and position of each pose prior in a coordinate system."""
         if "pose_priors" not in self._tables:
             return
         known = {name for _, name, *_ in self._connection.execute("PRAGMA table_info(pose_priors)")}
         by_sensor = f"corr_data_id, position FROM pose_priors WHERE corr_sensor_type = {_CAMERA_SENSOR} AND"
         by_image = "image_id, position FROM pose_priors WHERE"
         which = by_sensor if "corr_data_id" in known else by_image
-        for image, blob in self._rows(f"SELECT {which} coordinate_system = {_WGS84}"):
-            latitude, longitude, height = self._array("pose_priors", blob, 1, 3, np.float64)[0].tolist()
-            if np.isfinite([latitude, longitude]).all():
-                yield image, (latitude, longitude, height)
+        yield from self._rows(f"SELECT {which} coordinate_system = {system}")
+
+    def _unused(self) -> Iterator[str]:
+        if "rig_sensors" in self._tables:
+            (rigs,) = self._rows("SELECT COUNT(DISTINCT rig_id) FROM rig_sensors").fetchone()
+            if rigs:
+                yield (
+                    f"rigs of several cameras in the database ({rigs}) are not used: every image has a pose "
+                    "of its own"
+                )
+        if cartesian := len(list(self._priors(_CARTESIAN))):
+            yield (
+                f"Cartesian position priors in the database ({cartesian}) are not used, only those in WGS84 "
+                "are: give them as a file of positions (name, x, y, z)"
+            )
 
     def _keypoints(self, number_of: dict[Any, int]) -> tuple[list[FloatArray], list[FloatArray]]:
         keypoints = [np.empty((0, 2)) for _ in number_of]
@@ -196,6 +235,10 @@ class _Reader:
         if "two_view_geometries" in self._tables:
             which = f"two_view_geometries WHERE rows > 0 AND config != {_WATERMARK}"
             yield from self._rows(f"SELECT pair_id, rows, data FROM {which}")
+
+    def _require_id(self, what: str, number: object) -> None:
+        if not isinstance(number, int) or not 0 <= number <= LARGEST_ID:
+            raise self._error(f"{what} = {number!r}: must be a whole number from 0 to {LARGEST_ID}")
 
     def _rows(self, query: str) -> sqlite3.Cursor:
         return self._connection.execute(query)

@@ -26,6 +26,7 @@ from sfmcpp.sources.io.colmap.rig_files import (
 from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
+from sfmcpp.sources.io.colmap.trivial_rigs import trivial_rigs_in, with_poses_of
 from sfmcpp.sources.io.files import read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 
@@ -79,7 +80,8 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
     """Write cameras.bin, images.bin and points3D.bin into `folder`, which is made if it does not exist.
 
     Text files of a model that are there are replaced with them, so that the folder has one model.
-    A problem with rigs becomes rigs.bin and frames.bin as well, the first sensor of each rig its origin.
+    A problem with rigs becomes rigs.bin and frames.bin as well, the first sensor of each rig its origin; rigs
+    of one camera each, which COLMAP writes with every model, are rewritten if `folder` has them.
 
     The error of a point is its mean reprojection error [px] over the images it is in front of, computed here.
     Masks, standard deviations and covariances are not kept. Pixels of the BAL model, which count from the
@@ -89,8 +91,7 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
     ------
     DatasetError
         If no supported camera model holds the intrinsics, a sensor of a rig has several rows of intrinsics
-        or shares one, `folder` already has rigs or frames (of a model that would be replaced), or a file
-        cannot be written.
+        or shares one, `folder` already has rigs of several sensors, or a file cannot be written.
     """
     _write(problem, folder, _BINARY)
 
@@ -107,20 +108,30 @@ class _Files:
     names: tuple[str, ...]
     contents: Callable[[Tables], Iterable[Iterable[bytes]]]
     rig_names: tuple[str, str]
+    read_rigs: Callable[..., RigModel | None]
     rig_contents: Callable[[RigModel], Iterable[Iterable[bytes]]]
+
+    def trivial_rigs(self, folder: Path) -> RigModel | None:
+        """Those of the model that is there, if any; refused if they are of several sensors."""
+        has_model = _has_any_file(folder, self.names)
+        return trivial_rigs_in(folder, self.rig_names, self.read_rigs, has_model=has_model)
 
     def named_contents(self, folder: Path, problem: Problem, tables: Tables) -> _Named:
         """Names of files and their contents, in pieces."""
         yield from zip(self.names, self.contents(tables), strict=True)
+        model = self.trivial_rigs(folder)
+        if model is not None:
+            model = with_poses_of(tables, model)
         if problem.rigs is not None:
             paths = [folder / name for name in self.rig_names]
             model = rig_model_of(problem, problem.rigs, tables, paths)
+        if model is not None:
             yield from zip(self.rig_names, self.rig_contents(model), strict=True)
 
 
 _Named = Iterator[tuple[str, Iterable[bytes]]]
-_TEXT = _Files(text.FILES, text.text_files, TEXT_FILES, text_rig_files)
-_BINARY = _Files(binary.FILES, binary.binary_files, BINARY_FILES, binary_rig_files)
+_TEXT = _Files(text.FILES, text.text_files, TEXT_FILES, read_text_rigs, text_rig_files)
+_BINARY = _Files(binary.FILES, binary.binary_files, BINARY_FILES, read_binary_rigs, binary_rig_files)
 _KINDS = (_TEXT, _BINARY)
 
 
@@ -140,12 +151,10 @@ def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
 
 
 def _require_target(folder: Path) -> None:
-    """Refuse a file, and a folder whose rigs would contradict the new poses."""
+    """Refuse a file, and a folder with rigs of several sensors, which would contradict the new poses."""
     require_folder(folder, " for a COLMAP model")
-    for name in (*TEXT_FILES, *BINARY_FILES):
-        if (folder / name).exists():
-            reason = "the model that is there would be replaced, and this file contradict the new poses"
-            raise DatasetError(folder / name, f"{reason}; write to another folder")
+    for kind in _KINDS:
+        kind.trivial_rigs(folder)
 
 
 def _require_model(folder: Path, names: tuple[str, ...]) -> None:
@@ -153,10 +162,25 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
         raise DatasetError(folder, "is not a folder, a COLMAP model is one")
     missing = [name for name in names if not (folder / name).exists()]
     if missing:
-        inner = folder / "model"
-        hint = "" if any(not (inner / name).exists() for name in names) else f"; {inner} is one"
-        lacks = f"it lacks {', '.join(missing)}"
-        raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{hint}")
+        lacks = f"it lacks {', '.join(missing)}{_others_there(folder, names)}"
+        raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{_models_inside(folder)}")
+
+
+def _others_there(folder: Path, names: tuple[str, ...]) -> str:
+    """Files of the other kind, which do not make up for those that are missing."""
+    others = [name for kind in _KINDS if kind.names != names for name in kind.names]
+    there = [name for name in others if (folder / name).exists()]
+    return f" (and has {', '.join(there)}, which go with files of their own kind alone)" if there else ""
+
+
+def _models_inside(folder: Path) -> str:
+    """A hint at the models in folders of this one: `model` of a reconstruction, `0` and so on of COLMAP's."""
+    found = [
+        str(inner)
+        for inner in sorted(folder.iterdir())
+        if any(all((inner / name).exists() for name in kind.names) for kind in _KINDS)
+    ]
+    return "; " + (f"{found[0]} is one" if len(found) == 1 else f"{', '.join(found)} are") if found else ""
 
 
 def _has_any_file(folder: Path, names: tuple[str, ...]) -> bool:

@@ -62,24 +62,24 @@ class RigModel:
     frames_path: Path
 
 
-def read_text_rigs(folder: Path) -> RigModel | None:
-    """Rigs and frames of rigs.txt and frames.txt; None where no rig has several sensors."""
+def read_text_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
+    """Rigs and frames of rigs.txt and frames.txt; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in TEXT_FILES)
-    mounted = _rigs_or_none(_lines(rigs, _rig)) if rigs.exists() else ()
+    mounted = _wanted_rigs(_lines(rigs, _rig), alone) if rigs.exists() else ()
     return RigModel(mounted, tuple(_lines(frames, _frame)), rigs, frames) if mounted else None
 
 
-def read_binary_rigs(folder: Path) -> RigModel | None:
-    """Rigs and frames of rigs.bin and frames.bin; None where no rig has several sensors."""
+def read_binary_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
+    """Rigs and frames of rigs.bin and frames.bin; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in BINARY_FILES)
-    mounted = _rigs_or_none(_records(rigs, _rig)) if rigs.exists() else ()
+    mounted = _wanted_rigs(_records(rigs, _rig), alone) if rigs.exists() else ()
     return RigModel(mounted, tuple(_records(frames, _frame)), rigs, frames) if mounted else None
 
 
-def _rigs_or_none(rigs: Iterable[Rig]) -> tuple[Rig, ...]:
-    """All rigs, or none if every camera moves by itself."""
+def _wanted_rigs(rigs: Iterable[Rig], alone: bool) -> tuple[Rig, ...]:
+    """All rigs if any has several sensors or, with `alone`, if none has; else none."""
     found = tuple(rigs)
-    return found if any(len(rig.sensors) > 1 for rig in found) else ()
+    return found if any(len(rig.sensors) > 1 for rig in found) != alone else ()
 
 
 class _Fields(Protocol):

@@ -345,3 +345,53 @@ def test_an_unsupported_binary_camera_model_is_named(tmp_path: Path) -> None:
     data = path.read_bytes()
     path.write_bytes(data[:12] + b"\6" + data[13:])
     assert "camera model FULL_OPENCV is not supported" in str(refusal(tmp_path / "new"))
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_rigs_of_one_camera_each_are_rewritten_with_the_model(tmp_path: Path, format: str) -> None:
+    pycolmap = pytest.importorskip("pycolmap")
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 2, 1, 3
+    options.num_points3D = 30
+    model = pycolmap.synthesize_dataset(options)
+    getattr(model, "write_text" if format == "colmap-text" else "write_binary")(str(tmp_path))
+    problem = read(tmp_path)
+    problem.cameras[:, :, 3] += [1, 2, 3]
+    problem.points += [1, 2, 3]
+    write(problem, tmp_path, format=format)
+    moved = pycolmap.Reconstruction(str(tmp_path))
+    assert {key: frame.rig_id for key, frame in moved.frames.items()} == {
+        key: frame.rig_id for key, frame in model.frames.items()
+    }
+    for key, image in model.images.items():
+        assert moved.images[key].frame_id == image.frame_id
+        centre = moved.images[key].projection_center()
+        np.testing.assert_allclose(centre, image.projection_center() + np.array([1.0, 2, 3]), atol=1e-12)
+    fewer = problem.with_cameras(np.arange(4))
+    fewer.metadata.extra["colmap_image_ids"] = np.arange(4) + 50  # not those of the frames
+    write(fewer, tmp_path, format=format)
+    frames = pycolmap.Reconstruction(str(tmp_path)).frames
+    assert sorted(frames) == [50, 51, 52, 53]
+
+
+def test_models_inside_a_folder_and_files_of_another_kind_are_named(tmp_path: Path) -> None:
+    (tmp_path / "sparse" / "0").mkdir(parents=True)
+    problem = read(small_model(tmp_path / "sparse" / "0"))
+    write(problem, tmp_path / "sparse" / "1", format="colmap-binary")
+    folder = tmp_path / "sparse"
+    with pytest.raises(DatasetError, match=f"{folder / '0'}, {folder / '1'} are$"):
+        read(folder)
+    (folder / "1" / "cameras.bin").unlink()
+    (folder / "1" / "cameras.txt").touch()
+    with pytest.raises(DatasetError, match=r"lacks cameras\.bin \(and has cameras\.txt, which go"):
+        read(folder / "1")
+
+
+def test_a_database_is_told_where_it_goes(tmp_path: Path) -> None:
+    path = tmp_path / "database.db"
+    path.write_bytes(b"SQLite format 3\0")
+    with pytest.raises(DatasetError, match="is a database of COLMAP: sfmcpp reconstruct"):
+        read(path)
+    path.write_bytes(b"")
+    with pytest.raises(DatasetError, match="is no database of SQLite"):
+        read(path)

@@ -63,7 +63,26 @@ def test_accepted_steps_are_dots_and_rejected_ones_crosses() -> None:
     figure = plot_convergence(RUN)
     assert points_of(figure.axes[0], "o") == [(0, 49), (1, 4), (3, 0.3 * 4)]
     assert points_of(figure.axes[0], "x") == [(2, 4)]
-    assert legend_of(figure) == ["accepted step", "rejected step"]
+    assert legend_of(figure) == ["accepted step", "rejected step", "within 1e-09 of the lowest"]
+
+
+def test_costs_whose_height_is_not_drawn_to_scale_are_open_dots() -> None:
+    figure = plot_convergence(history([100.0, 2.0 + 1e-11, 2.0], [True] * 3))
+    dots = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
+    open_dots = [line for line in dots if line.get_markerfacecolor() == "white"]
+    assert [np.asarray(line.get_xdata()).tolist() for line in open_dots] == [[1, 2]]
+    exact = plot_convergence(history([100.0, 4.0], [True] * 2), best_cost=2.0)
+    assert not any(
+        len(np.asarray(line.get_xdata()))
+        for line in exact.axes[0].lines
+        if line.get_markerfacecolor() == "white"
+    )
+
+
+def test_without_matplotlib_the_extra_is_named() -> None:
+    code = "import sys; sys.modules['matplotlib'] = None; import sfmcpp.study.plotting"
+    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "figures need matplotlib: pip install 'sfmcpp[plot]'" in failed.stderr
 
 
 def test_several_runs_are_named_and_told_apart_by_colour() -> None:

@@ -1,0 +1,79 @@
+"""Warnings of calibrations that cannot be right, though a solve may converge with them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import BoolArray, FloatArray
+
+# Pixels so far outside their image, in its larger side, are no rounding. Of images twice as large, whose
+# pixels fill them, 70 % are outside; fewer are outliers, or those of a synthetic scene with a wide view.
+_MARGIN, _SHARE = 0.1, 0.3
+# So many observations, evenly spread, tell a share.
+_SAMPLE = 100_000
+
+
+def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list[str]:
+    """Warn of focal lengths that are not positive, and of pixels far outside of the images.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its arrays keep the rules.
+    intrinsics : (G, K) float64
+        Those that it was given with, which a solve may have changed.
+
+    Returns
+    -------
+    list of str
+    """
+    if not isinstance(problem.camera_model, str) or not problem.is_metric:
+        return []
+    return [*_focal_lengths(problem, intrinsics), *_pixels(problem, intrinsics)]
+
+
+def _focal_lengths(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:
+    focals = intrinsics[:, problem.intrinsic_names.index("f")][problem.intrinsics_index]
+    wrong = np.flatnonzero((focals <= 0) & (np.bincount(problem.camera_index, minlength=len(focals)) > 0))
+    if len(wrong):
+        row = problem.intrinsics_index[wrong[0]]
+        yield (
+            f"the focal length of {len(wrong):,} of {len(focals):,} cameras is not positive: f = "
+            f"{focals[wrong[0]]:g} px in intrinsics[{row}]; run sfmcpp doctor"
+        )
+
+
+def _pixels(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:
+    rows = np.arange(0, problem.num_observations, max(problem.num_observations // _SAMPLE, 1))
+    outside = _far_outside(problem, intrinsics, rows)
+    count = int(np.count_nonzero(outside))
+    if outside.size and count > _SHARE * outside.size:
+        row = int(rows[np.argmax(outside)])
+        camera = int(problem.camera_index[row])
+        x, y = problem.pixels[row].tolist()
+        width, height = np.asarray(problem.metadata.image_sizes)[camera].tolist()
+        yield (
+            f"{count / outside.size:.0%} of the observations are far outside of their images: {x:.0f}, "
+            f"{y:.0f} in the {width} × {height} px of camera {camera}; is the calibration of images of "
+            "another size? Run sfmcpp doctor"
+        )
+
+
+def _far_outside(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int64]) -> BoolArray:
+    """Which of some observations are far outside; empty where sizes or the corner of images are not known."""
+    sizes, names = problem.metadata.image_sizes, problem.intrinsic_names
+    wanted = (problem.num_cameras, 2)
+    if not isinstance(sizes, np.ndarray) or sizes.shape != wanted or "cx" not in names:
+        return np.zeros(0, dtype=np.bool_)
+    centre = intrinsics[:, [names.index("cx"), names.index("cy")]][problem.intrinsics_index]
+    of_camera = np.asarray(sizes, dtype=np.float64)
+    camera, pixels = problem.camera_index[rows], problem.pixels[rows]
+    known = np.all((centre > 0) & (centre < of_camera), axis=1)[camera]
+    size = of_camera[camera]
+    margin = _MARGIN * size.max(axis=1, keepdims=True)
+    inside = (pixels > -margin) & (pixels < size + margin)
+    return np.asarray(known & ~inside.all(axis=1))
