@@ -49,7 +49,23 @@ def rate_spikes(stream: SensorStream) -> NDArray[np.bool_]:
 
 
 def describe_spikes(stream: SensorStream) -> list[str]:
-    """What a stream of rates has of them, in a sentence; empty if nothing."""
+    """Tell of the spikes of a stream of rates: how many, the first, the largest.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"angular_rate"``.
+
+    Returns
+    -------
+    list of str
+        One line, or none.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
     spikes = rate_spikes(stream)
     if not spikes.any():
         return []
