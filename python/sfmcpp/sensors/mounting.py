@@ -12,7 +12,6 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 
-_ROUNDS = 3
 # Of a rotation in doubles.
 _ROUNDING = 1e-14
 # Steps that tell how a camera is turned, at least.
@@ -104,22 +103,8 @@ def find_misalignment(steps: FloatArray, directions: FloatArray) -> FloatArray |
     moves = lengths > 0
     if np.count_nonzero(moves) < _FEWEST_STEPS:
         return None
-    told, seen = steps[moves] / lengths[moves, None], directions[moves]
-    turns = _shortest_turns(told, seen)
+    turns = np.cross(steps[moves] / lengths[moves, None], directions[moves])
     turn = np.median(turns, axis=0)
     scatter = float(np.median(np.linalg.norm(turns - turn, axis=1)))
     least = max(_LEAST_RAD, _SIGMAS * _MEDIAN_ERROR * scatter / np.sqrt(len(turns)))
-    if np.linalg.norm(turn) <= least:
-        return None
-    rotation = so3.exp(turn)
-    for _ in range(_ROUNDS):  # the shortest turn of a step that is not across the axis is another
-        rotation = so3.exp(np.median(_shortest_turns(told @ rotation.T, seen), axis=0)) @ rotation
-    return rotation
-
-
-def _shortest_turns(unit: FloatArray, onto: FloatArray) -> FloatArray:
-    """Rotation vectors (n, 3) of the shortest turns of unit vectors (n, 3) onto others."""
-    across = np.cross(unit, onto)
-    sine = np.linalg.norm(across, axis=1, keepdims=True)
-    angle = np.arctan2(sine, np.sum(unit * onto, axis=1, keepdims=True))
-    return np.asarray(across * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0))
+    return so3.exp(turn) if np.linalg.norm(turn) > least else None

@@ -72,9 +72,7 @@ def steps_and_directions(turned_deg: float, count: int) -> tuple[np.ndarray, np.
     return steps, seen / np.linalg.norm(seen, axis=1)[:, None]
 
 
-@pytest.mark.parametrize(
-    ("turned_deg", "count"), [(5.0, 30), (-5.0, 30), (8.0, 12), (90.0, 30), (-120.0, 30)]
-)
+@pytest.mark.parametrize(("turned_deg", "count"), [(5.0, 30), (-5.0, 30), (8.0, 12)])
 def test_a_camera_turned_from_its_mounting_is_found(turned_deg: float, count: int) -> None:
     found = find_misalignment(*steps_and_directions(turned_deg, count))
     assert found is not None
