@@ -54,6 +54,10 @@ void check_multiple(const char* array, std::size_t size, std::size_t width, cons
 void check_model(const CameraModel& model) {
   if (model.function() == nullptr) {
     if (is_enumerator(model.compiled())) return;
+    if (model.compiled() == CameraModelId::kPlugin)
+      throw InvalidArgument(
+          "camera_model = kPlugin: sfmcpp was built without a model of its own "
+          "(SFMCPP_CAMERA_PLUGIN)");
     throw InvalidArgument("camera_model = " + std::to_string(static_cast<int>(model.compiled())) +
                           ": is none of its values");
   }
@@ -241,7 +245,9 @@ void check_determined(const linear::ObservationGraph& graph,
   const long residuals = observed + constraint_equations;
   const long unknowns =
       map.num_columns + static_cast<long>(exchange.sum(3.0 * static_cast<double>(free_points)));
-  if (observed == 0) throw InvalidArgument("observations: there are none");
+  if (observed == 0)
+    throw InvalidArgument(
+        "observations: there are none; constraints alone, a graph of poses, are not adjusted");
   if (unknowns == 0)
     throw InvalidArgument("nothing is free: every observed camera, intrinsic and point is fixed");
   if (residuals >= unknowns) return;

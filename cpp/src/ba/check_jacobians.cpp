@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <Eigen/Core>
@@ -87,6 +88,12 @@ class SingleObservation {
                             steps());
   }
 
+  // What rounding of pixels makes of numeric derivatives, for each parameter.
+  Eigen::RowVectorXd rounding() const {
+    const double pixel = std::max({std::abs(u_[0]), std::abs(v_[0]), 1.0});
+    return std::numeric_limits<double>::epsilon() * pixel * steps().cwiseInverse().transpose();
+  }
+
  private:
   using Numbers = std::array<double, kCameraStorage>;
   using PointNumbers = std::array<double, kMaxPointStorage>;
@@ -142,7 +149,7 @@ class SingleObservation {
 
   // Small against what each parameter is measured by.
   Eigen::VectorXd steps() const {
-    constexpr double kRelative = 1e-4;
+    constexpr double kRelative = 1e-4, kOfIntrinsics = 1e-3;
     Eigen::VectorXd steps = Eigen::VectorXd::Constant(size(), kRelative);
     if (is_metric(model_)) {
       double distance = 1e-12;
@@ -153,11 +160,8 @@ class SingleObservation {
       steps.head(tangent_).setConstant(
           kRelative * Eigen::Map<const Eigen::VectorXd>(camera_.data(), kCameraStorage).norm());
     }
-    // Compiled projections are linear in each intrinsic parameter alone: a large step costs no
-    // accuracy.
-    const double relative = model_.function() == nullptr ? 0.5 : kRelative;
     for (int k = 0; k < num_free_; ++k)
-      steps[tangent_ + k] = relative * std::max(1.0, std::abs(intrinsics_[k]));
+      steps[tangent_ + k] = kOfIntrinsics * std::max(1.0, std::abs(intrinsics_[k]));
     return steps;
   }
 
@@ -175,21 +179,25 @@ struct Comparison {
   int observation;
   Eigen::MatrixXd analytic;
   Eigen::MatrixXd numeric;
+  Eigen::RowVectorXd rounding;
 };
 
-// A derivative that happens to vanish in one observation is judged by the size it has in others:
-// against rounding in the numeric difference, relative accuracy means nothing there.
+// A derivative that happens to vanish in one observation is judged by the size it has in others, or
+// by what rounding lets a numeric one resolve: relative accuracy means nothing there.
 void judge(const Problem& problem,
            const std::vector<Comparison>& comparisons,
            JacobianCheck& check) {
-  constexpr double kSmall = 1e-2;
+  constexpr double kSmall = 1e-2, kResolved = 1e9;
   if (comparisons.empty()) return;
-  Eigen::RowVectorXd largest = Eigen::RowVectorXd::Constant(comparisons[0].numeric.cols(), 1e-300);
+  Eigen::RowVectorXd largest = Eigen::RowVectorXd::Zero(comparisons[0].numeric.cols());
   for (const Comparison& c : comparisons)
     largest = largest.cwiseMax(c.numeric.cwiseAbs().colwise().maxCoeff());
   for (const Comparison& c : comparisons) {
-    const Eigen::RowVectorXd scale =
-        c.numeric.cwiseAbs().colwise().maxCoeff().cwiseMax(kSmall * largest);
+    const Eigen::RowVectorXd scale = c.numeric.cwiseAbs()
+                                         .colwise()
+                                         .maxCoeff()
+                                         .cwiseMax(kSmall * largest)
+                                         .cwiseMax(kResolved * c.rounding);
     const Eigen::RowVectorXd errors =
         (c.analytic - c.numeric).cwiseAbs().colwise().maxCoeff().cwiseQuotient(scale);
     Eigen::Index column = 0;
@@ -214,7 +222,7 @@ JacobianCheck check_jacobians(const Problem& problem, int max_observations) {
         static_cast<int>(static_cast<long>(k) * problem.num_observations() / count);
     const SingleObservation single(problem, observation);
     if (single.in_front())
-      comparisons.push_back({observation, single.analytic(), single.numeric()});
+      comparisons.push_back({observation, single.analytic(), single.numeric(), single.rounding()});
   }
   JacobianCheck check;
   judge(problem, comparisons, check);

@@ -166,8 +166,9 @@ class HeldCameraSearch {
       if (tie.member().previous == kNoPrevious) continue;
       throw InvalidArgument(residuals::name_of(*tie.group, tie.position) + ".cameras: camera " +
                             std::to_string(an_open_camera(tie.member())) +
-                            " has no observations, and constraints do not determine its pose: must "
-                            "be observed, fixed or constrained further");
+                            " has no observations, and constraints do not determine its pose "
+                            "(functions do not count): must be observed, fixed or constrained "
+                            "further");
     }
   }
 

@@ -8,6 +8,7 @@
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "sfmcpp/core/options_check.hpp"
 #include "world_motions.hpp"
 
 namespace sfmcpp::ba {
@@ -138,6 +139,9 @@ Loss per_unit_weight(const residuals::ConstraintGroup& group) {
 
 LinearModel::LinearModel(const Problem& problem, const SolveOptions& options, double ridge)
     : ridge_(ridge), problem_(problem), state_(state_of(problem)) {
+  OptionsCheck check;
+  check.require(ridge >= 0.0 && std::isfinite(ridge), "ridge", ridge, "finite and not negative");
+  check.done();
   if (problem.constraints != nullptr) constraints_ = *problem.constraints;
   problem_.constraints = &constraints_;
   work_ = std::make_unique<Work>(problem_, inner_options(problem, options), state_);

@@ -23,6 +23,7 @@ from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
 from sfmcpp.sensors.position_jumps import displaced_positions, without_leaps
 from sfmcpp.sensors.rate_bias import MOST_TURNS, find_bias, without_bias
+from sfmcpp.sensors.rate_spikes import describe_spikes, rate_spikes
 from sfmcpp.sensors.registration import (
     Registration,
     register_by_distances,
@@ -61,6 +62,7 @@ __all__ = [
     "check_turns",
     "describe_coverage",
     "describe_gaps",
+    "describe_spikes",
     "displaced_positions",
     "doubtful_stretches",
     "earth_centred",
@@ -78,6 +80,7 @@ __all__ = [
     "pose_stream_values",
     "position_at",
     "predict_pose",
+    "rate_spikes",
     "register_by_distances",
     "register_by_poses",
     "register_by_positions",

@@ -10,8 +10,10 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 
+# Of a rotation in doubles.
+_ROUNDING = 1e-14
 # Steps that tell how a camera is turned, at least.
 _FEWEST_STEPS = 6
 # It is turned from so much on, and from so many standard deviations on. On parts of 0001, 0027, 0036 and 0039
@@ -32,14 +34,14 @@ class Mounting:
     Parameters
     ----------
     camera_from_body : (3, 3) float64
-        Rotation.
+        Rotation; one that is printed with a few decimals is replaced by the nearest rotation.
     lever_arm_m : (3,) float64
         The camera's centre in the body frame [m].
 
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite, or the rotation is none.
+        If a shape is wrong, a number is not finite, or the rotation is none to 0.001.
     """
 
     camera_from_body: FloatArray
@@ -47,10 +49,16 @@ class Mounting:
 
     def __post_init__(self) -> None:
         rotation = finite_array("camera_from_body", self.camera_from_body, (3, 3))
-        object.__setattr__(self, "camera_from_body", rotation)
         object.__setattr__(self, "lever_arm_m", finite_array("lever_arm_m", self.lever_arm_m, (3,)))
-        if not is_rotation(rotation):
-            raise InvalidArgument("camera_from_body: must be orthonormal and right-handed")
+        if not is_rotation(rotation, PRINTED_ROTATION_TOLERANCE):
+            off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+            rule = f"must be orthonormal to {PRINTED_ROTATION_TOLERANCE:g} and right-handed"
+            found = f"is off by {off:.2g}, with determinant {np.linalg.det(rotation):.3g}"
+            raise InvalidArgument(f"camera_from_body: {found}: {rule}")
+        # What is left of its decimals would add up along a drive.
+        if not is_rotation(rotation, _ROUNDING):
+            rotation = so3.nearest_rotation(rotation)
+        object.__setattr__(self, "camera_from_body", rotation)
 
     @classmethod
     def forward_looking(cls) -> Mounting:

@@ -18,6 +18,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_at_most, require_positive
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.sensors.gps import require_metres
 from sfmcpp.slam.frame_run import run_slam
@@ -52,6 +53,9 @@ class SlamRun:
         How long it took, without opening the drive [s].
     interrupted : bool
         Whether the callback ended it.
+    origin : WorldOrigin or None
+        Median latitude, longitude and height of the positions, if the map is in metres east, north and up of
+        there.
     """
 
     drive: Drive
@@ -61,6 +65,7 @@ class SlamRun:
     frames: int
     seconds: float
     interrupted: bool
+    origin: WorldOrigin | None = None
 
     @property
     def world(self) -> WorldMap | None:
@@ -177,7 +182,15 @@ def run(
     if drive.frames.doubt is not None:
         result.warnings.append(drive.frames.doubt)
     frames = len(result.path.times)
-    return SlamRun(drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
+    ran = (drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
+    return SlamRun(*ran, _origin_of(used) if result.metric else None)
+
+
+def _origin_of(sensors: Sequence[MotionSensor]) -> WorldOrigin | None:
+    """Origin of the world of the sensors; None where it is not known, or the world is that of an INS."""
+    if any(isinstance(sensor, Ins) for sensor in sensors):
+        return None
+    return next((sensor.origin for sensor in sensors if isinstance(sensor, Gps)), None)
 
 
 def _require_known(opening: Mapping[str, Any]) -> None:
@@ -243,7 +256,10 @@ def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, float | None]
 def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
     if stream.kind == "position":
         require_metres(stream.values)
-    return Gps(local_positions(stream) if stream.kind == "geodetic" else stream, mounting, name)
+    if stream.kind != "geodetic":
+        return Gps(stream, mounting, name)
+    middle = np.asarray(np.median(stream.values, axis=0))  # the first may be an outlier
+    return Gps(local_positions(stream, middle), mounting, name, origin=WorldOrigin(middle, geodetic=True))
 
 
 def _mounting_at_camera(mounting: Mounting | None) -> Mounting:

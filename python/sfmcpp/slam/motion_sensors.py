@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.model import CONSTRAINT_KINDS, Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import (
     Mounting,
     camera_displacement,
@@ -281,12 +282,15 @@ class Gps:
         Name in reports.
     sigma_m : float, optional
         What a position may be off, along each axis [m]; None: not known, it is estimated on the run.
+    origin : WorldOrigin, optional
+        Where the sensor's world has its origin, if that is known.
     """
 
     stream: SensorStream
     mounting: Mounting | None = None
     name: str = "gps"
     sigma_m: float | None = 1.0
+    origin: WorldOrigin | None = None
 
     @cached_property
     def reachable(self) -> SensorStream:

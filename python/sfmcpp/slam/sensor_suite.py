@@ -20,6 +20,7 @@ from sfmcpp.sensors import (
     check_turns,
     describe_coverage,
     describe_gaps,
+    describe_spikes,
     find_bias,
     find_misalignment,
     without_bias,
@@ -272,6 +273,7 @@ class SensorSuite:
             for stretch in sensor.doubtful_stretches
         ]
         leaps = [found for s in self.sensors if isinstance(s, Gps | Ins) for found in s.remarks()]
+        leaps += [found for s in self.sensors if _has_rates(s) for found in describe_spikes(s.stream)]
         return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + leaps
 
     def shortcomings(self, start_s: float, end_s: float) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Gap
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
@@ -25,6 +26,9 @@ from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
+
+# No lens squeezes an image a tenth as much: a larger aspect, fy / fx, is a focal length.
+_LARGEST_ASPECT = 20.0
 
 
 class Clock:
@@ -58,6 +62,12 @@ class Slam:
     result : SlamResult
         The map and all poses so far: ``result.poses[number]`` is that of a frame, world_from_camera, which
         later frames may still correct.
+
+    Raises
+    ------
+    InvalidArgument
+        If `intrinsics` has another length, f or the aspect is not positive, or the aspect is no ratio of
+        focal lengths.
     """
 
     @checked(intrinsics=(ANY,))
@@ -67,6 +77,8 @@ class Slam:
         settings: SlamSettings | None = None,
         sensors: Sequence[MotionSensor] = (),
     ) -> None:
+        _require_intrinsics(intrinsics)
+        self._finished = False
         self.settings = settings or SlamSettings()
         self._intrinsics = intrinsics
         self._sensors = SensorSuite(sensors)
@@ -105,7 +117,14 @@ class Slam:
         self._sensors.feed(name, t_s, values)
 
     def step(self, frame: Frame) -> None:
-        """Take the next frame."""
+        """Take the next frame.
+
+        Raises
+        ------
+        InvalidArgument
+            If its number or its time is not after that of the frame before, or the run has been finished.
+        """
+        self._require_next(frame)
         self.result.path.times[frame.number] = frame.t_s
         if self.result.world is None:
             self._start(frame)
@@ -128,6 +147,7 @@ class Slam:
 
     def finish(self) -> None:
         """Finish after the last frame: adjust all keyframes, and report faults of the sensors."""
+        self._finished = True
         unscaled = place_at_end(self.result, self._sensors, self.settings)
         finish_map(self.result, self.settings)
         times = list(self.result.path.times.values())
@@ -144,6 +164,19 @@ class Slam:
         if not self.settings.trusts_declared or len(self.result.poses) < 2:
             return None
         return self._sensors.in_hindsight(self.result.seen_trajectory())
+
+    def _require_next(self, frame: Frame) -> None:
+        if self._finished:
+            raise InvalidArgument(f"frame {frame.number}: comes after finish(): must come before it")
+        times = self.result.path.times
+        if not times:
+            return
+        last = max(times)
+        if frame.number <= last:
+            raise InvalidArgument(f"frame.number = {frame.number}: must be above {last}, the last")
+        if not frame.t_s > times[last]:
+            rule = f"must be after {times[last]:.9g} s, that of {last}"
+            raise InvalidArgument(f"frame {frame.number}: t_s = {frame.t_s:.9g} s, {rule}")
 
     def _start(self, frame: Frame) -> None:
         initialiser = self._initialiser
@@ -252,3 +285,12 @@ class Slam:
     def _world(self) -> WorldMap:
         assert self.result.world is not None
         return self.result.world
+
+
+def _require_intrinsics(row: FloatArray) -> None:
+    if len(row) not in (5, 12):
+        raise InvalidArgument(f"intrinsics: {len(row)} numbers, must be 5, or 12 with distortion")
+    f, aspect = row[:2].tolist()
+    if not (f > 0 and 0 < aspect <= _LARGEST_ASPECT and np.isfinite(row).all()):
+        rule = f"must be f, aspect, cx, cy, skew, with the aspect fy / fx at most {_LARGEST_ASPECT:g}"
+        raise InvalidArgument(f"intrinsics: f = {f:g}, aspect = {aspect:g}: {rule}, f and aspect positive")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 if TYPE_CHECKING:
+    from sfmcpp.model.metadata import WorldOrigin
     from sfmcpp.sfm import GpsOutcome
 
 
@@ -65,12 +66,12 @@ def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
     if gps.outliers:
         yield "GPS left out", listed_names(gps.outliers)
     if np.any(gps.origin):
-        yield "origin", origin_text(gps)
+        yield "origin", origin_text(gps.world_origin)
 
 
-def origin_text(gps: GpsOutcome) -> str:
-    """The numbers of the origin with their names."""
-    return ", ".join(f"{name} {value:.10g}" for name, value in gps.world_origin.to_dict().items())
+def origin_text(origin: WorldOrigin) -> str:
+    """The numbers of an origin with their names."""
+    return ", ".join(f"{name} {value:.10g}" for name, value in origin.to_dict().items())
 
 
 def _stated_accuracy(gps: GpsOutcome) -> str:

@@ -21,7 +21,6 @@ from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weigh
 from sfmcpp.study.report_files import Step, write_report, write_steps
 
 if TYPE_CHECKING:
-    from sfmcpp.slam import SlamRun
     from sfmcpp.study.slam_report import SlamReport
 
 MODEL = "model"
@@ -53,6 +52,8 @@ def _steps(report: SlamReport) -> Iterator[Step]:
     run, world = report.run, report.run.world
     if world is not None:
         problem, records = world.whole_problem(min_views=2).problem, run.result.records
+        if run.origin is not None:
+            run.origin.put_into(problem.metadata)
         trajectory, keyframes = run.trajectory(), run.result.keyframe_trajectory()
         yield TRAJECTORY, partial(write_trajectory, trajectory)
         yield KEYFRAMES, partial(write_trajectory, keyframes)
@@ -92,11 +93,6 @@ def _draw_top_view(report: SlamReport, trajectory: Trajectory, problem: Problem,
         unit=_unit_of_map(report, truth is not None),
     )
     save_figure(figure, path)
-
-
-def _has_latitudes(run: SlamRun) -> bool:
-    """Whether positions of latitude and longitude were used: the world is then east, north, up."""
-    return "gps" in run.sensors and run.drive.streams_of(["gps"])[0].kind == "geodetic"
 
 
 def _unit_of_map(report: SlamReport, aligned: bool = False) -> str:
@@ -140,7 +136,7 @@ def _scene(report: SlamReport, trajectory: Trajectory, problem: Problem) -> Scen
         truth_name="",
         unit=_unit_of_map(report),
         facts={name: f"{run.totals[name]:,}" for name in _FACTS},
-        east_north_up=run.georeferenced and _has_latitudes(run),
+        east_north_up=run.origin is not None,
     )
     if comparison is None:
         return scene

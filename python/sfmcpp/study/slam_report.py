@@ -14,7 +14,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.study.evaluation import Evaluation, evaluate
 from sfmcpp.study.report_files import peak_memory_bytes, plain
-from sfmcpp.study.report_table import ReportTable
+from sfmcpp.study.report_table import ReportTable, origin_text
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 
 if TYPE_CHECKING:
@@ -105,6 +105,7 @@ class SlamReport(ReportTable):
             "restart_frames": result.restarts,
             "correction_frames": result.corrections,
             "metric": result.metric,
+            "origin": None if run.origin is None else run.origin.to_dict(),
             "final_adjustment": None if result.final is None else asdict(result.final),
             "warnings": result.warnings,
             "keyframes": [_keyframe_facts(record) for record in result.records],
@@ -161,6 +162,8 @@ class SlamReport(ReportTable):
             yield "sensors", f"{', '.join(run.sensors)}; weights {self._weights()}"
             if run.drive.clock_offset_s:
                 yield "clock", f"{run.drive.clock_offset_s:+.9g} s added to the time stamps of the sensors"
+        if run.origin is not None:
+            yield "origin", origin_text(run.origin)
         for name in run.sensors:
             yield from self._conflict(name)
         for warning in run.result.warnings:

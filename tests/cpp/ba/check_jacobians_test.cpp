@@ -29,6 +29,22 @@ TEST_P(CheckJacobians, EveryParameterOfEveryObservationIsComparedUpToTheLimit) {
   EXPECT_EQ(check_jacobians(scene.view(), 50).entries, 50L * 2 * columns());
 }
 
+// There the numeric derivatives by the higher terms of a distortion are rounding, or zero.
+TEST(CheckJacobiansOf, OneObservationNearTheAxisAgreesWithItself) {
+  for (double aside : {0.0, 1e-5, 1e-3, 0.05, 0.1}) {
+    support::OwnedProblem scene;
+    scene.camera_model = CameraModelId::kPerspective;
+    scene.cameras = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    scene.intrinsics = {500, 1, 320, 240, 0, 0.1, 0.01, 0, 0, 0};
+    scene.intrinsics.resize(intrinsic_names(scene.camera_model).size());
+    scene.points = {aside, 0.7 * aside, 4};
+    scene.intrinsics_index = {0};
+    scene.observe(0, 0, 320 + 125 * aside, 240 + 87.5 * aside);
+    const JacobianCheck check = check_jacobians(scene.view());
+    EXPECT_LT(check.worst_error, 1e-7) << check.worst_parameter << ", " << aside;
+  }
+}
+
 // Nothing is behind an uncalibrated camera.
 class CheckMetricJacobians : public CheckJacobians {};
 

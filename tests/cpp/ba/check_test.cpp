@@ -304,6 +304,15 @@ TEST(CheckArrays, ANumberThatIsNoCameraModelIsRefused) {
   EXPECT_EQ(message_of([&] { check_arrays(problem); }), "camera_model = 17: is none of its values");
 }
 
+#ifndef SFMCPP_CAMERA_PLUGIN
+TEST(CheckArrays, AModelOfOnesOwnThatTheBuildLacksIsNamed) {
+  const OwnedProblem scene = legal_scene();
+  Problem problem = scene.view();
+  problem.camera_model = CameraModelId::kPlugin;
+  support::expect_refused([&] { check_arrays(problem); }, {"kPlugin", "SFMCPP_CAMERA_PLUGIN"});
+}
+#endif
+
 // A camera model that is asked for its names alone.
 class Named final : public CameraFunction {
  public:

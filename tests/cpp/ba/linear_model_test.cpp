@@ -1,6 +1,7 @@
 // The linear model of a problem against dense algebra on its own Jacobian, for every metric model.
 #include "sfmcpp/ba/linear_model.hpp"
 
+#include <limits>
 #include <numeric>
 
 #include <Eigen/LU>
@@ -122,6 +123,15 @@ TEST(LinearModel, GroupsAndBlocksThatItHasNotAreRefused) {
 
 TEST(LinearModel, OfNothingIsRefused) {
   support::expect_refused([] { LinearModel(Problem{}, SolveOptions{}); }, {"there are none"});
+}
+
+TEST(LinearModel, ARidgeThatIsNoShareIsRefused) {
+  const OwnedProblem owned = make_circle_scene(support::perturbed(CameraModelId::kCalibrated));
+  for (double ridge :
+       {-1.0, std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+    support::expect_refused([&] { LinearModel(owned.view(), SolveOptions{}, ridge); },
+                            {"ridge = ", "must be finite and not negative"});
+  }
 }
 
 TEST(LinearModel, AProjectiveProblemHasNoCovariance) {

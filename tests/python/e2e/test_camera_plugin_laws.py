@@ -15,11 +15,10 @@ def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*map(str, command)], capture_output=True, text=True)
 
 
-@pytest.fixture
-def configured(tmp_path: Path) -> Path:
+def configured(tmp_path: Path, plugin: Path) -> Path:
     if shutil.which("cmake") is None or shutil.which("ninja") is None:
         pytest.skip("no cmake or no ninja")
-    settings = ("-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_UNITY_BUILD=ON")
+    settings = ("-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_UNITY_BUILD=ON", f"-DSFMCPP_CAMERA_PLUGIN={plugin}")
     result = run("cmake", "-S", EXAMPLE, "-B", tmp_path, "-G", "Ninja", *settings)
     if "GTest" in result.stderr:
         pytest.skip("no GoogleTest")
@@ -27,10 +26,16 @@ def configured(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_example_obeys_the_laws_of_all_camera_models(configured: Path) -> None:
-    built = run("cmake", "--build", configured)
+@pytest.mark.parametrize(
+    "plugin",
+    [EXAMPLE / "fisheye.hpp", Path(__file__).parent / "division_lens.hpp"],
+    ids=["fisheye", "not linear in its intrinsics"],
+)
+def test_plugins_obey_the_laws_of_all_camera_models(tmp_path: Path, plugin: Path) -> None:
+    folder = configured(tmp_path, plugin)
+    built = run("cmake", "--build", folder)
     assert built.returncode == 0, built.stdout
-    laws = run(configured / "camera_laws")
+    laws = run(folder / "camera_laws")
     assert laws.returncode == 0, laws.stdout
-    assert "CameraLaws/fisheye.AnalyticJacobianIsTheNumericOne" in laws.stdout
-    assert "MetricCameraLaws/fisheye.ScalingAboutTheCentreLeavesTheImageUnchanged" in laws.stdout
+    assert f"CameraLaws/{plugin.stem}.AnalyticJacobianIsTheNumericOne" in laws.stdout
+    assert f"MetricCameraLaws/{plugin.stem}.ScalingAboutTheCentreLeavesTheImageUnchanged" in laws.stdout

@@ -13,6 +13,7 @@ import pytest
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, strict_json
 from sfmcpp.cli.main import main
+from sfmcpp.sensors import east_north_up, geodetic_of
 from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 
 FIRST_S, STEP_S = 100.0, 0.1
@@ -230,3 +231,25 @@ def test_positions_and_poses_put_the_trajectory_into_their_world(tmp_path: Path,
     assert report["metric"]
     found = np.loadtxt(tmp_path / "out/trajectory.txt")[:, 1:4]
     np.testing.assert_allclose(found, at, atol=0.25)
+
+
+def test_a_map_of_latitudes_has_its_origin_in_the_middle_and_goes_back_to_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The first position is an outlier: it must not be the origin."""
+    scene = write_drive(tmp_path / "drive.csv", 40)
+    true = geodetic_of(scene.centres, [49.0, 8.4, 110.0])
+    told = true.copy()
+    told[0] += [1e-3, 1e-3, 50.0]
+    rows = [f"{FIRST_S + STEP_S * k:.1f},{a!r},{b!r},{h!r}" for k, (a, b, h) in enumerate(told.tolist())]
+    sensors = write_sensors(tmp_path / "s.csv", "t [s],lat [deg],lon [deg],height [m]", rows)
+    command = ["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / "out"), "--sensor", "gps"]
+    assert main([*command, "--sensor-file", str(sensors), "--mounting", "forward"]) == 0
+    origin = strict_json(tmp_path / "out/report.json")["origin"]
+    place = [origin["latitude_deg"], origin["longitude_deg"], origin["height_m"]]
+    np.testing.assert_allclose(east_north_up([place], true[len(true) // 2]), 0.0, atol=0.5)
+    assert f"latitude_deg {place[0]:.10g}" in capsys.readouterr().out
+    assert strict_json(tmp_path / "out/model/sfmcpp_origin.json") == origin
+    centres = np.loadtxt(tmp_path / "out/trajectory.txt")[:, 1:4]
+    found = east_north_up(geodetic_of(centres, place), [49.0, 8.4, 110.0])
+    np.testing.assert_allclose(found[1:], scene.centres[1:], atol=0.25)

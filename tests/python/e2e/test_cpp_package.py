@@ -95,3 +95,21 @@ def test_sources_are_optimised_in_a_project_that_names_no_build_type(tmp_path: P
     (solve,) = (line for line in lines if line.endswith("/src/ba/solve.cpp"))
     assert "-O3" in solve
     assert "-O3" not in run("ninja", "-C", tmp_path, "-t", "commands", OBJECT)
+
+
+def test_pkg_config_hands_on_the_camera_model_of_the_build(tmp_path: Path) -> None:
+    """In a shell, where quotes in a definition would not survive; the library itself is not needed."""
+    if any(shutil.which(tool) is None for tool in ("cmake", "ninja", "pkg-config", "g++")):
+        pytest.skip("no cmake, ninja, pkg-config or g++")
+    plugin, build = Path(__file__).parent / "division_lens.hpp", tmp_path / "build"
+    run("cmake", "-S", REPOSITORY, "-B", build, "-G", "Ninja", f"-DSFMCPP_CAMERA_PLUGIN={plugin}")
+    (build / "cpp/libsfmcpp.a").touch()
+    run("cmake", "--install", build, "--component", "development", "--prefix", tmp_path / "there")
+    (tmp_path / "main.cpp").write_text(
+        "#include <sfmcpp/cameras/visit_camera.hpp>\n"
+        'static_assert(sfmcpp::enum_name(sfmcpp::CameraModelId::kPlugin) == "division_lens");\n'
+        "int main() { return sfmcpp::PluginCamera::kIntrinsics == 4 ? 0 : 1; }\n"
+    )
+    (description,) = (tmp_path / "there").glob("lib*/**/pkgconfig/sfmcpp.pc")
+    flags = f"$(pkg-config --cflags {description})"
+    run("sh", "-c", f"g++ -std=c++20 {tmp_path}/main.cpp {flags} -o {tmp_path}/a.out && {tmp_path}/a.out")

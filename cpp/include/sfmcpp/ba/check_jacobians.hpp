@@ -1,10 +1,11 @@
-// The Jacobian checker of the product: analytic against numeric derivatives, at the user's own
+// The derivative checks of the product: analytic against numeric derivatives, at the user's own
 // state.
 #pragma once
 
 #include <string>
 
 #include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/residuals/constraint_set.hpp"
 
 namespace sfmcpp::ba {
 
@@ -20,5 +21,11 @@ struct JacobianCheck {
 // is not in front of the camera are skipped. Throws InvalidArgument as `solve` does for a broken
 // problem.
 JacobianCheck check_jacobians(const Problem& problem, int max_observations = 1000);
+
+// The largest difference between the derivatives that the function of a group gives and numeric
+// ones, relative to the largest derivative: by poses or by points, whichever is worse. Not a number
+// where the function gives one; 0 for a group without a function or members. Throws InvalidArgument
+// as ConstraintSet::check does.
+double derivative_error(const Problem& problem, const residuals::ConstraintGroup& group);
 
 }  // namespace sfmcpp::ba

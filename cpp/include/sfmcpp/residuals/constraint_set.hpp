@@ -41,10 +41,10 @@ struct ConstraintMember {
   int previous = kNoPrevious;
   int point = kNoPoint;  // of a function
   double weight = 1.0;
-  std::vector<double> entry_weights;           // beside `weight`, of each entry of e; empty: 1
-  PoseConstraint pose;                         // its kind and points are the set's to fill in
+  std::vector<double> entry_weights{};         // beside `weight`, of each entry of e; empty: 1
+  PoseConstraint pose{};                       // its kind and points are the set's to fill in
   std::array<double, 2> intrinsics{1.0, 0.0};  // f̂, or ĉx and ĉy [px]
-  std::vector<double> points;                  // N × 3, of kinds that compare images
+  std::vector<double> points{};                // N × 3, of kinds that compare images
 };
 
 // Residuals of poses and points by a function from outside, of all members of a group in one call.
@@ -69,7 +69,7 @@ struct ConstraintGroup {
   std::string name;
   ConstraintKind kind = ConstraintKind::kPosition;
   double weight = 1.0;
-  std::vector<ConstraintMember> members;
+  std::vector<ConstraintMember> members{};
   Loss loss{};  // of each member
   // In place of the equation of the kind: e is what it gives, with no mean taken. All members then
   // have a previous camera, or none has; likewise a point, and, if they have one, a camera.

@@ -153,7 +153,7 @@ def gps(report: SfmReport) -> str:
         values, titles, x_label="image", y_label="distance [m]", marked=[name in lies for name in names]
     )
     first, second, height = np.asarray(found.origin).tolist()
-    frame = f"those of the positions, with the origin at {origin_text(found)}"
+    frame = f"those of the positions, with the origin at {origin_text(found.world_origin)}"
     if found.geodetic:
         frame = f"east, north, up, with the origin at {first:.7f}°, {second:.7f}°, {height:.2f} m (WGS84)"
     facts = [

@@ -129,7 +129,8 @@ def plot_top_view(
     axes.set_title("Camera trajectory, top view", fontsize=11)
     axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (unknown scale)")
     axes.set_ylabel(f"z, forward [{unit}]" if unit else "z, forward (unknown scale)")
-    figure.legend(fontsize=9, frameon=False, loc="outside lower center", ncols=3)
+    is_wide = figure.get_figwidth() >= _LONG_SIDE_IN
+    figure.legend(fontsize=9, frameon=False, loc="outside lower center", ncols=3 if is_wide else 1)
     style_axes(axes)
     return figure
 

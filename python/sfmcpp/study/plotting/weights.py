@@ -53,8 +53,8 @@ def plot_weights(records: list[KeyframeRecord]) -> Figure:
     weights.set_ylabel("weight λ")
     conflicts.set_ylabel("disagreement [σ]")
     conflicts.set_xlabel("time [s]")
-    conflicts.set_ylim(bottom=0.0)
     conflicts.axhline(CONFLICT_SIGMAS, color=MUTED, linewidth=1.0, linestyle="--")
+    conflicts.set_ylim(bottom=0.0)  # last: it ends what makes room for the line
     for axes in (weights, conflicts):
         axes.title.set_fontsize(10)
         style_axes(axes)

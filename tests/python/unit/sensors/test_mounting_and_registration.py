@@ -48,8 +48,18 @@ def test_a_forward_looking_camera_sees_the_road_ahead_and_below() -> None:
 
 
 def test_a_mounting_that_is_no_rotation_is_refused() -> None:
-    with pytest.raises(InvalidArgument, match="camera_from_body: must be orthonormal"):
+    with pytest.raises(InvalidArgument, match="off by 0, with determinant -1: must be orthonormal"):
         Mounting(np.diag([1.0, 1.0, -1.0]), np.zeros(3))
+    with pytest.raises(InvalidArgument, match=r"camera_from_body: is off by 0\.04, with determinant 1\.02"):
+        Mounting(np.diag([1.0, 1.02, 1.0]), np.zeros(3))
+
+
+@pytest.mark.parametrize("decimals", [3, 4, 6])
+def test_a_mounting_with_a_few_decimals_is_the_nearest_rotation(decimals: int) -> None:
+    exact = random_mounting(np.random.default_rng(4)).camera_from_body
+    taken = Mounting(exact.round(decimals), np.zeros(3)).camera_from_body
+    np.testing.assert_allclose(taken @ taken.T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(taken, exact, atol=10.0**-decimals)
 
 
 def steps_and_directions(turned_deg: float, count: int) -> tuple[np.ndarray, np.ndarray]:

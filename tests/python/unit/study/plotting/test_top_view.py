@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from sfmcpp.study.plotting import save_figure
@@ -61,3 +62,16 @@ def test_a_standing_camera_is_drawn_without_a_warning(tmp_path: Path) -> None:
     figure = plot_top_view(PATH[:1], PATH[:1], POINTS[:0])
     save_figure(figure, tmp_path / "top.png")
     assert (tmp_path / "top.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("way", [(0.0, 200.0), (200.0, 0.0), (150.0, 150.0)])
+def test_the_legend_is_whole_whatever_the_way(way: tuple[float, float]) -> None:
+    path = np.linspace([0.0, 0.0, 0.0], [way[0], 0.0, way[1]], 30)
+    alignment = "aligned to the whole trajectory, by poses"
+    figure = plot_top_view(path, path[::3], POINTS, truth=path, alignment=alignment, unit="m")
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+    assert not box.overlaps(figure.axes[0].get_window_extent())

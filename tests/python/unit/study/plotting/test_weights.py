@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from sfmcpp.slam import KeyframeRecord
 from sfmcpp.study.plotting.weights import plot_weights
+from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 
 
 def record(t_s: float, weights: dict[str, float], conflicts: dict[str, float]) -> KeyframeRecord:
@@ -43,3 +44,9 @@ def test_weights_of_zero_are_crosses_at_the_bottom() -> None:
 def test_a_run_without_sensors_is_drawn_empty() -> None:
     weights, conflicts = plot_weights([record(1.0, {}, {})]).axes
     assert points_of(weights, ".") == points_of(conflicts, ".") == []
+
+
+def test_the_line_of_significance_is_in_view_where_all_agree() -> None:
+    conflicts = plot_weights([record(1.0, {"imu": 0.1}, {"imu": 0.4})]).axes[1]
+    low, high = conflicts.get_ylim()
+    assert (low, high > CONFLICT_SIGMAS) == (0.0, True)
