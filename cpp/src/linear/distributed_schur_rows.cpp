@@ -63,6 +63,7 @@ DistributedSchurRows::DistributedSchurRows(const NormalEquations& normal,
       own_(of_own_rows(partition, structure)),
       rows_(normal, elimination, here_->pattern),
       received_rows_(normal.graph().num_cameras) {
+  rows_.sum_on(grid_);
   if (partition.are_all_own()) return;
   places_.resize(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
   parts_.resize(normal.pool().num_threads());
@@ -138,6 +139,7 @@ void DistributedSchurRows::read_headers(const std::vector<double>& headers,
 }
 
 void DistributedSchurRows::exchange() {
+  grid_.set(normal_);
   std::span<double> received(received_);
   AlignedVector<double> sent;
   for (const Round& round : rounds_) {

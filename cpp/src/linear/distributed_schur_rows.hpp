@@ -22,8 +22,7 @@ class DistributedSchurRows {
                        const CameraPartition& partition,
                        const std::shared_ptr<const ReducedStructure>& structure);
 
-  // `grid` must outlive this object.
-  void sum_on(const SumGrid& grid) { rows_.sum_on(grid); }
+  const SumGrid& grid() const { return grid_; }
   // The rows of this rank's cameras; of others the diagonal block, which is zero.
   const CameraPattern& pattern() const { return own_->pattern; }
   // Sends what the points here add to the rows of others, for the factors that the elimination
@@ -65,6 +64,7 @@ class DistributedSchurRows {
   const NormalEquations& normal_;
   const CameraPartition& partition_;
   std::shared_ptr<const ReducedStructure> here_, own_;  // of the points here; of own rows
+  SumGrid grid_;
   SchurRows rows_;
   std::vector<Round> rounds_;
   std::vector<std::vector<Received>> received_rows_;  // of each camera, in the order of the ranks

@@ -174,8 +174,8 @@ void NormalEquations::take(const Chunk& part,
 
 void NormalEquations::finish() {
   sum_gradients();
-  camera_rhs_ = sum_of_chunks(0);
-  camera_diagonal_ = sum_of_chunks(map_.camera_size);
+  sum_chunks(0, camera_rhs_);
+  sum_chunks(map_.camera_size, camera_diagonal_);
   camera_terms_.add_rhs(map_, camera_rhs_);
   camera_terms_.add_diagonal(map_, camera_diagonal_);
   const double of_points = std::visit(
@@ -191,12 +191,12 @@ void NormalEquations::finish() {
 }
 
 // Of what lies `first` in the sums of a chunk, over all chunks and ranks.
-std::vector<double> NormalEquations::sum_of_chunks(long first) const {
-  std::vector<double> values(map_.num_columns, 0.0);
+void NormalEquations::sum_chunks(long first, std::vector<double>& values) const {
+  values.assign(map_.num_columns, 0.0);
   if (!compensated_) {
     fold_chunks(chunk_sums_.data() + first, chunk_size(), values.data());
     exchange_.sum(values);
-    return values;
+    return;
   }
   std::vector<CompensatedSum> sums(map_.num_columns);
   for_each_camera_in_order([&](int i, Columns columns) {
@@ -209,7 +209,6 @@ std::vector<double> NormalEquations::sum_of_chunks(long first) const {
   });
   exchange_.sum(sums);
   std::ranges::transform(sums, values.begin(), &CompensatedSum::value);
-  return values;
 }
 
 void NormalEquations::sum_gradients() {

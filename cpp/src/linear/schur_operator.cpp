@@ -165,8 +165,6 @@ std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
 }
 
 void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) {
-  grid_.set(normal_);
-  schur_rows_.sum_on(grid_);
   schur_rows_.exchange();
   normal_.pool().parallel_for_worker(pattern_.num_rows(),
                                      [&](int i, int worker) { form_row(i, worker, diagonal); });
@@ -186,8 +184,8 @@ void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal
   float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
   for (long k = 0; k < num_blocks; ++k)
     kernels_.round(row.data() + area() * k,
-                   grid_.inverse_of_camera(i),
-                   grid_.inverse_of_camera(columns_of_row(i)[k]),
+                   schur_rows_.grid().inverse_of_camera(i),
+                   schur_rows_.grid().inverse_of_camera(columns_of_row(i)[k]),
                    rounded + area() * k);
 }
 
@@ -266,7 +264,7 @@ void BlockSparseSchur::add_up(int begin, int end) {
 // Adds the diagonal block on the grid, and takes the powers off.
 void BlockSparseSchur::finish_camera(int i) {
   const long size = normal_.map().camera_size;
-  const double* inverse = grid_.inverse_of_camera(i);
+  const double* inverse = schur_rows_.grid().inverse_of_camera(i);
   double x[kMaxCameraSize] = {}, product[kMaxCameraSize] = {};
   for (long k = 0; k < size; ++k) x[k] = x_[size * i + k] * inverse[k];
   kernels_.add_block(diagonal_block(i), x, product);

@@ -58,7 +58,7 @@ class BlockSparseSchur final : public SchurOperator {
   const float* blocks_of_row(int i) const {
     return blocks_.data() + area() * (pattern_.row_begin[i] - i);
   }
-  const double* powers(int i) const { return grid_.of_camera(i); }
+  const double* powers(int i) const { return schur_rows_.grid().of_camera(i); }
   std::span<const int> columns_of_row(int i) const {
     return {pattern_.column.data() + pattern_.row_begin[i] + 1,
             pattern_.column.data() + pattern_.row_begin[i + 1]};
@@ -91,9 +91,8 @@ class BlockSparseSchur final : public SchurOperator {
   std::vector<char> touched_;  // camera
   BlockProductKernels kernels_;
   std::vector<RowTask> tasks_;
-  AlignedVector<float> blocks_;       // above the diagonal, row after row
-  const double* diagonal_ = nullptr;  // of every camera
-  SumGrid grid_;
+  AlignedVector<float> blocks_;              // above the diagonal, row after row
+  const double* diagonal_ = nullptr;         // of every camera
   int most_terms_;                           // blocks that add to a camera, at most
   double middle_ = 0.0;                      // of the sums of this product
   AlignedVector<double> sums_;               // of the tasks

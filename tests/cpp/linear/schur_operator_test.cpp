@@ -92,9 +92,15 @@ TEST_P(BlockSparse, IsExactlySymmetric) {
   }
 }
 
-TEST_P(BlockSparse, HasTheRightHandSideToTheBit) {
+// In double precision: the sums are compensated here, and not there.
+TEST_P(BlockSparse, HasTheRightHandSideUnrounded) {
   TwoOperators schur(GetParam());
-  EXPECT_EQ(schur.rhs, schur.implicit_rhs());
+  const Vector reference = schur.implicit_rhs();
+  double size = 0.0;
+  for (double value : reference) size = std::max(size, std::abs(value));
+  ASSERT_EQ(schur.rhs.size(), reference.size());
+  for (std::size_t k = 0; k < reference.size(); ++k)
+    EXPECT_NEAR(schur.rhs[k], reference[k], 1e-14 * size);
 }
 
 INSTANTIATE_TEST_SUITE_P(Systems,

@@ -198,7 +198,7 @@ class NormalEquations {
   long gradient_size() const { return (compensated_ ? 2L : 1L) * map_.camera_size; }
   // A gradient, a diagonal, and what is rounded off of both.
   long chunk_size() const { return 2 * gradient_size(); }
-  std::vector<double> sum_of_chunks(long first) const;
+  void sum_chunks(long first, std::vector<double>& values) const;
   void sum_gradients();
   Place place_of(const Chunk& part, Draft& draft);
   void take(const Chunk& part, const double* jacobian, const PointRecord* records, int chunk);
