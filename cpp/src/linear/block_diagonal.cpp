@@ -39,28 +39,42 @@ void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<doubl
 }
 
 void CameraBlockDiagonal::gather(std::vector<double>& rhs, Exchange& ranks) {
-  std::vector<CompensatedSum> sums(map_.num_columns), entries(blocks_.size());
-  const bool is_root = ranks.is_root();
+  if (ranks.num_ranks() == 1 && !map_.has_shared_columns) {
+    rhs.assign(map_.num_columns, 0.0);
+    std::ranges::fill(blocks_, 0.0);
+    sum_cameras(true, rhs, blocks_);
+  } else {
+    std::vector<CompensatedSum> sums(map_.num_columns), entries(blocks_.size());
+    sum_cameras(ranks.is_root(), sums, entries);
+    ranks.sum(sums);
+    ranks.sum(entries);
+    rhs.resize(sums.size());
+    std::ranges::transform(sums, rhs.begin(), &CompensatedSum::value);
+    std::ranges::transform(entries, blocks_.begin(), &CompensatedSum::value);
+  }
+  normal_.camera_terms().add_rhs(map_, rhs);
+}
+
+template <class T>
+void CameraBlockDiagonal::sum_cameras(bool is_root,
+                                      std::vector<T>& rhs,
+                                      std::vector<T>& entries) const {
+  const long size = map_.camera_size;
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
     normal_.for_each_column(
-        i, columns, [&](int k, int column) { sums[column] += camera_rhs(i)[k]; });
-    fold_block(i, camera_block(i), columns, entries);
+        i, columns, [&](int k, int column) { rhs[column] += camera_rhs_[size * i + k]; });
+    fold_block(i, camera_blocks_.data() + size * size * i, columns, entries);
     normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
       if (j == i && is_root) fold_block(i, block, columns, entries);
     });
   });
-  ranks.sum(sums);
-  ranks.sum(entries);
-  rhs.resize(sums.size());
-  std::ranges::transform(sums, rhs.begin(), &CompensatedSum::value);
-  std::ranges::transform(entries, blocks_.begin(), &CompensatedSum::value);
-  normal_.camera_terms().add_rhs(map_, rhs);
 }
 
+template <class T>
 void CameraBlockDiagonal::fold_block(int camera,
                                      const double* panels,
                                      Columns which,
-                                     std::vector<CompensatedSum>& entries) const {
+                                     std::vector<T>& entries) const {
   const int camera_size = map_.camera_size;
   const int* columns = map_.columns_of(camera);
   for (int c = 0; c < camera_size; ++c) {

@@ -35,7 +35,7 @@ class NoThreads {
 };
 
 double sum(ThreadPool& pool) {
-  return pool.sum(1000, [](int task) { return std::sin(1.7 * task); });
+  return pool.sum(1000, [](int task) { return std::sin(1.7 * task); }).value();
 }
 
 double reference_sum() {

@@ -46,10 +46,11 @@ class CameraBlockDiagonal {
              const std::vector<int>& blocks) const;
 
  private:
-  void fold_block(int camera,
-                  const double* panels,
-                  Columns columns,
-                  std::vector<CompensatedSum>& entries) const;
+  // T: numbers, or compensated sums where several cameras or ranks add.
+  template <class T>
+  void sum_cameras(bool is_root, std::vector<T>& rhs, std::vector<T>& entries) const;
+  template <class T>
+  void fold_block(int camera, const double* panels, Columns columns, std::vector<T>& entries) const;
   template <class F>
   void for_each(const std::vector<int>& blocks, const F& f) const;
   int size(int b) const { return map_.block_begin[b + 1] - map_.block_begin[b]; }
