@@ -65,7 +65,7 @@ class OwnCopy {
     };
     Eigen::VectorXd steps = Eigen::VectorXd::Constant(kPoseTangent, kStep);
     steps.tail<3>() *= largest_coordinate();
-    const Eigen::MatrixXd jacobian = numeric_jacobian(moved, steps);
+    Eigen::MatrixXd jacobian = numeric_jacobian(moved, steps);
     cameras_ = start;
     return jacobian;
   }
@@ -78,7 +78,7 @@ class OwnCopy {
     };
     const Eigen::VectorXd steps =
         Eigen::VectorXd::Constant(kPointTangent, kStep * largest_coordinate());
-    const Eigen::MatrixXd jacobian = numeric_jacobian(moved, steps);
+    Eigen::MatrixXd jacobian = numeric_jacobian(moved, steps);
     points_ = start;
     return jacobian;
   }
