@@ -23,7 +23,7 @@ def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list
     Parameters
     ----------
     problem : Problem
-        Its arrays keep the rules.
+        Its arrays kept the rules when the solve began.
     intrinsics : (G, K) float64
         Those that it was given with, which a solve may have changed.
 
@@ -33,6 +33,12 @@ def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list
     """
     if not isinstance(problem.camera_model, str) or not problem.is_metric:
         return []
+    for index, end in (
+        (problem.intrinsics_index, len(intrinsics)),
+        (problem.camera_index, problem.num_cameras),
+    ):
+        if index.size and not 0 <= index.min() <= index.max() < end:
+            return []  # changed by a callback since
     return [*_focal_lengths(problem, intrinsics), *_pixels(problem, intrinsics)]
 
 
