@@ -42,7 +42,6 @@ struct ReprojectionKernels {
 // These and the others: of compiled models; null of a function (function_images.hpp).
 ReprojectionKernels reprojection_kernels(const CameraModel& model);
 
-// Sums over a batch alone, where no residual is asked for.
 // Σ ‖r‖² in compensated parts.
 inline constexpr int kCostLanes = 8;
 struct SumOfSquares {
@@ -51,6 +50,7 @@ struct SumOfSquares {
 
   CompensatedSum total() const;
 };
+// Sums over a batch alone, where no residual is asked for.
 struct BatchCost {
   SumOfSquares squares;
   double behind_camera;  // how many points are not in front of the camera
