@@ -9,7 +9,7 @@ namespace {
 
 // Numbers that are on their way at a time; more rounds than these would wait for one another.
 constexpr double kNumbersOfRound = 1 << 16;
-constexpr double kMostRounds = 8;
+constexpr double kMostRounds = 16;
 
 using Structure = std::shared_ptr<const ReducedStructure>;
 
@@ -64,49 +64,58 @@ DistributedSchurRows::DistributedSchurRows(const NormalEquations& normal,
       rows_(normal, elimination, here_->pattern),
       received_rows_(normal.graph().num_cameras) {
   rows_.sum_on(grid_);
+  divide_into_rounds();
   if (partition.are_all_own()) return;
   places_.resize(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
   parts_.resize(normal.pool().num_threads());
-  const std::vector<int> none(normal.exchange().num_ranks(), 0);
-  rounds_.assign(choose_rounds(), {.sent = {}, .sent_counts = none, .received_counts = none});
   send_headers();
 }
 
-std::vector<int> DistributedSchurRows::rows_to(int rank) const {
-  std::vector<int> rows;
-  for (int i = 0; rank != normal_.exchange().rank() && i < normal_.graph().num_cameras; ++i) {
-    if (partition_.owner(i) == rank && normal_.graph().observations_of_camera(i) > 0)
-      rows.push_back(i);
-  }
-  return rows;
+bool DistributedSchurRows::is_sent(int camera) const {
+  return !partition_.is_own(camera) && normal_.graph().observations_of_camera(camera) > 0;
 }
 
 int DistributedSchurRows::choose_rounds() const {
   double sent = 0.0;
-  for (int to = 0; to < normal_.exchange().num_ranks(); ++to) {
-    for (int i : rows_to(to))
+  for (int i = 0; i < normal_.graph().num_cameras; ++i) {
+    if (is_sent(i))
       sent += static_cast<double>(numbers_of(behind_diagonal(here_->pattern, i).size()));
   }
   const double rounds = std::ceil(normal_.exchange().max(sent) / kNumbersOfRound);
   return static_cast<int>(std::clamp(rounds, 1.0, kMostRounds));
 }
 
-// Of each row: its camera, its round, how many blocks, and their columns.
+// Every rank sends and receives in each: the rows of each are divided, in their order.
+void DistributedSchurRows::divide_into_rounds() {
+  const int ranks = normal_.exchange().num_ranks(), cameras = normal_.graph().num_cameras;
+  const std::vector<int> none(ranks, 0);
+  rounds_.assign(choose_rounds(),
+                 {.rows = {}, .sent = {}, .sent_counts = none, .received_counts = none});
+  std::vector<long> count(ranks), next(ranks);
+  for (int i = 0; i < cameras; ++i) ++count[partition_.owner(i)];
+  for (int i = 0; i < cameras; ++i) {
+    const int owner = partition_.owner(i);
+    const auto round = next[owner]++ * static_cast<long>(rounds_.size()) / count[owner];
+    round_of_row_.push_back(static_cast<int>(round));
+    rounds_[round].rows.push_back(i);
+  }
+}
+
+// Of each row: its camera, how many blocks, and their columns.
 void DistributedSchurRows::send_headers() {
   const int ranks = normal_.exchange().num_ranks();
   std::vector<double> headers;
   std::vector<int> header_counts(ranks, 0), counts;
   for (int to = 0; to < ranks; ++to) {
-    const std::vector<int> rows = rows_to(to);
-    for (std::size_t k = 0; k < rows.size(); ++k) {
-      const std::span<const int> columns = behind_diagonal(here_->pattern, rows[k]);
-      const std::size_t number = k * rounds_.size() / rows.size();
-      for (const auto value : {static_cast<std::size_t>(rows[k]), number, columns.size()})
-        headers.push_back(static_cast<double>(value));
+    for (int i = 0; i < normal_.graph().num_cameras; ++i) {
+      if (!is_sent(i) || partition_.owner(i) != to) continue;
+      const std::span<const int> columns = behind_diagonal(here_->pattern, i);
+      headers.push_back(i);
+      headers.push_back(static_cast<double>(columns.size()));
       headers.insert(headers.end(), columns.begin(), columns.end());
-      header_counts[to] += 3 + static_cast<int>(columns.size());
-      Round& round = rounds_[number];
-      round.sent.push_back({rows[k], round.num_sent});
+      header_counts[to] += 2 + static_cast<int>(columns.size());
+      Round& round = rounds_[round_of_row_[i]];
+      round.sent.push_back({i, round.num_sent});
       round.num_sent += numbers_of(columns.size());
       round.sent_counts[to] += static_cast<int>(numbers_of(columns.size()));
     }
@@ -119,41 +128,28 @@ void DistributedSchurRows::read_headers(const std::vector<double>& headers,
   auto next = headers.begin();
   for (std::size_t from = 0; from < counts.size(); ++from) {
     for (const auto end = next + counts[from]; next != end;) {
-      const int i = static_cast<int>(*next++), number = static_cast<int>(*next++);
-      const int blocks = static_cast<int>(*next++);
-      Round& round = rounds_[number];
-      received_rows_[i].push_back(
-          {.columns = {next, next + blocks}, .round = number, .first = round.num_received});
+      const int i = static_cast<int>(*next++), blocks = static_cast<int>(*next++);
+      Round& round = rounds_[round_of_row_[i]];
+      received_rows_[i].push_back({.columns = {next, next + blocks}, .first = round.num_received});
       next += blocks;
       const long numbers = numbers_of(static_cast<std::size_t>(blocks));
       round.num_received += numbers;
       round.received_counts[from] += static_cast<int>(numbers);
     }
   }
-  std::vector<long> before = {0};  // each round
-  for (const Round& round : rounds_) before.push_back(before.back() + round.num_received);
-  for (std::vector<Received>& rows : received_rows_) {
-    for (Received& row : rows) row.first += before[row.round];
-  }
-  received_.resize(static_cast<std::size_t>(before.back()));
 }
 
-void DistributedSchurRows::exchange() {
-  grid_.set(normal_);
-  std::span<double> received(received_);
-  AlignedVector<double> sent;
-  for (const Round& round : rounds_) {
-    sent.resize(static_cast<std::size_t>(round.num_sent));
-    normal_.pool().parallel_for_worker(static_cast<int>(round.sent.size()), [&](int k, int worker) {
-      double* diagonal = sent.data() + round.sent[k].first;
-      double* rhs = diagonal + size() * size();
-      rows_.form(round.sent[k].camera, worker, diagonal, rhs + 2 * size(), rhs);
-    });
-    const auto count = static_cast<std::size_t>(round.num_received);
-    normal_.exchange().deliver(
-        sent, round.sent_counts, received.first(count), round.received_counts);
-    received = received.subspan(count);
-  }
+void DistributedSchurRows::exchange(int round) {
+  if (partition_.are_all_own()) return;
+  const Round& now = rounds_[round];
+  sent_.resize(static_cast<std::size_t>(now.num_sent));
+  received_.resize(static_cast<std::size_t>(now.num_received));
+  normal_.pool().parallel_for_worker(static_cast<int>(now.sent.size()), [&](int k, int worker) {
+    double* diagonal = sent_.data() + now.sent[k].first;
+    double* rhs = diagonal + size() * size();
+    rows_.form(now.sent[k].camera, worker, diagonal, rhs + 2 * size(), rhs);
+  });
+  normal_.exchange().deliver(sent_, now.sent_counts, received_, now.received_counts);
 }
 
 void DistributedSchurRows::form(int i, int worker, double* diagonal, double* blocks, double* rhs) {

@@ -25,11 +25,16 @@ class DistributedSchurRows {
   const SumGrid& grid() const { return grid_; }
   // The rows of this rank's cameras; of others the diagonal block, which is zero.
   const CameraPattern& pattern() const { return own_->pattern; }
-  // Sends what the points here add to the rows of others, for the factors that the elimination
-  // holds, in so many rounds that what is on its way is small.
-  void exchange();
+  // Rows are sent and formed in rounds, so that what is on its way is small.
   int num_rounds() const { return static_cast<int>(rounds_.size()); }
-  // As SchurRows::form, for the rows of `pattern`; zero for cameras of others.
+  const std::vector<int>& rows_of_round(int round) const { return rounds_[round].rows; }
+  // Before the first round: scales the grid for the Jacobian that the normal equations hold.
+  void begin() { grid_.set(normal_); }
+  // Sends what the points here add to the rows of others in this round, for the factors that the
+  // elimination holds.
+  void exchange(int round);
+  // As SchurRows::form, for the rows of `pattern` in the round that was exchanged last; zero for
+  // cameras of others.
   void form(int i, int worker, double* diagonal, double* blocks, double* rhs);
 
  private:
@@ -41,10 +46,10 @@ class DistributedSchurRows {
   // One that another rank has formed.
   struct Received {
     std::vector<int> columns;  // of its blocks behind the diagonal one
-    int round;
-    long first;  // number of what was received
+    long first;                // number of what is received in its round
   };
   struct Round {
+    std::vector<int> rows;  // of all ranks, ascending
     std::vector<Sent> sent;
     std::vector<int> sent_counts, received_counts;  // of each rank
     long num_sent = 0, num_received = 0;
@@ -55,9 +60,10 @@ class DistributedSchurRows {
   long numbers_of(std::size_t blocks) const {
     return size() * (size() + 2) + size() * size() * static_cast<long>(blocks);
   }
-  // The rows of a rank that points here add to.
-  std::vector<int> rows_to(int rank) const;
+  // Whether points here add to the row of another rank.
+  bool is_sent(int camera) const;
   int choose_rounds() const;
+  void divide_into_rounds();
   void send_headers();
   void read_headers(const std::vector<double>& headers, const std::vector<int>& counts);
 
@@ -67,8 +73,9 @@ class DistributedSchurRows {
   SumGrid grid_;
   SchurRows rows_;
   std::vector<Round> rounds_;
+  std::vector<int> round_of_row_;
   std::vector<std::vector<Received>> received_rows_;  // of each camera, in the order of the ranks
-  std::vector<double> received_;
+  AlignedVector<double> sent_, received_;             // in the last round
   std::vector<std::vector<int>> places_;      // of each worker: number of a camera's block in a row
   std::vector<AlignedVector<double>> parts_;  // likewise: blocks of a row from the points here
 };

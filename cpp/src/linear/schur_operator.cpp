@@ -165,9 +165,14 @@ std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
 }
 
 void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) {
-  schur_rows_.exchange();
-  normal_.pool().parallel_for_worker(pattern_.num_rows(),
-                                     [&](int i, int worker) { form_row(i, worker, diagonal); });
+  schur_rows_.begin();
+  for (int round = 0; round < schur_rows_.num_rounds(); ++round) {
+    schur_rows_.exchange(round);
+    const std::vector<int>& rows = schur_rows_.rows_of_round(round);
+    normal_.pool().parallel_for_worker(static_cast<int>(rows.size()), [&](int k, int worker) {
+      form_row(rows[k], worker, diagonal);
+    });
+  }
   diagonal_ = diagonal.camera_block(0);
   // Of own cameras they are whole; columns that cameras share are of several.
   diagonal.gather(rhs, normal_.map().has_shared_columns ? normal_.exchange() : this_process());

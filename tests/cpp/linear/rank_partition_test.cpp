@@ -73,16 +73,21 @@ std::pair<std::vector<double>, int> rows_of(const RandomSystem& system) {
   const auto structure = structure_of(system);
   const CameraPartition shares = shares_of(system, structure->pattern);
   DistributedSchurRows rows(normal, elimination, shares, structure);
-  rows.exchange();
-  std::vector<double> numbers;
-  for (int i = 0; i < kCameras; ++i) {
-    const CameraPattern& whole = structure->pattern;
-    std::vector<double> row(12 + 36 * (whole.row_begin[i + 1] - whole.row_begin[i]), 0.0);
-    rows.form(i, 0, row.data() + 12, row.data() + 48, row.data());
-    for (int k = 0; k < 6; ++k) row[k] += std::exchange(row[6 + k], 0.0);
-    numbers.insert(numbers.end(), row.begin(), row.end());
+  rows.begin();
+  std::vector<std::vector<double>> numbers(kCameras);
+  for (int round = 0; round < rows.num_rounds(); ++round) {
+    rows.exchange(round);
+    for (int i : rows.rows_of_round(round)) {
+      const CameraPattern& whole = structure->pattern;
+      std::vector<double>& row = numbers[i];
+      row.resize(12 + 36 * (whole.row_begin[i + 1] - whole.row_begin[i]), 0.0);
+      rows.form(i, 0, row.data() + 12, row.data() + 48, row.data());
+      for (int k = 0; k < 6; ++k) row[k] += std::exchange(row[6 + k], 0.0);
+    }
   }
-  return {numbers, rows.num_rounds()};
+  std::vector<double> all;
+  for (const std::vector<double>& row : numbers) all.insert(all.end(), row.begin(), row.end());
+  return {all, rows.num_rounds()};
 }
 
 // The rows of all ranks are S, and of each what its own points make of them is a part.
