@@ -11,7 +11,7 @@ let axes, width, height, focal, image, pixels, depths, scheduled = false, touche
 // Names of files break after their separators alone; where the panel would cover the scene it begins folded.
 for (const heading of document.querySelectorAll("#about h1"))
   heading.innerHTML = heading.innerHTML.replace(/[-_.]/g, "$&<wbr>");
-element("about").open = innerWidth > 600;
+element("about").open = innerWidth > 600 && innerHeight > 500;
 
 function bytesOf(text) {
   const binary = atob(text), bytes = new Uint8Array(binary.length);
@@ -113,6 +113,7 @@ function move(dx, dy) {
 }
 function touched() {
   touchedAt = performance.now();
+  fitted = null;
   redraw();
 }
 const fingers = new Map();
@@ -151,6 +152,5 @@ canvas.addEventListener("wheel", event => {
 }, { passive: false });
 canvas.ondblclick = event => {
   move(innerWidth / 2 - event.clientX, innerHeight / 2 - event.clientY);
-  redraw();
+  touched();
 };
-addEventListener("resize", () => redraw());

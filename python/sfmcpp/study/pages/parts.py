@@ -30,7 +30,7 @@ def template(name: str) -> str:
 
 def filled_page(name: str, title: str, scene: Any) -> str:
     """Page of a scene in three dimensions: a template with its title, data and the script that turns it."""
-    scripts = template("orbit.js") + template("gauges.js")
+    scripts = "".join(map(template, ("orbit.js", "fit.js", "gauges.js")))
     return filled(name, orbit=scripts, title=html.escape(title), scene=script(scene))
 
 

@@ -84,6 +84,16 @@ def opened(url: str, folder: Path, more_options: tuple[str, ...] = ("--disable-g
         process.wait()
 
 
+@contextmanager
+def opened_at(url: str, folder: Path, width: int, height: int) -> Iterator[Ask]:
+    """Open a page in a window of that many pixels; a narrow one is that of a phone."""
+    with opened("about:blank", folder) as ask:
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
+        ask("Emulation.setDeviceMetricsOverride", **size)
+        ask("Page.navigate", url=url)
+        yield ask
+
+
 def value_of(ask: Ask, expression: str) -> Any:
     """Value of a JavaScript expression in the page, once all of the page is there."""
     deadline = time.monotonic() + TIMEOUT_S
