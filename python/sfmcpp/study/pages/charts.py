@@ -21,7 +21,8 @@ _RAMP = np.array(
     [[222, 235, 247], [158, 202, 225], [66, 146, 198], [8, 81, 156], [8, 48, 107]], dtype=np.float64
 )
 _MOST_CELLS = 500
-_DISPLAYED = (0.01, 0.99)  # of the points, along each axis: a few lie far off
+_MOST = (0.01, 0.99)  # of the points, along each axis
+_FAR = 1.5  # times as far from the middle as most are: not shown
 Pixels = NDArray[np.uint8]
 
 
@@ -192,6 +193,8 @@ def top_view(
 ) -> Pixels:
     """Draw a model as from above, what is higher over what is lower; transparent where there is nothing.
 
+    The few points that lie far off are left out; nothing is cut at the edges.
+
     Parameters
     ----------
     points : (N, 3) float64
@@ -205,7 +208,9 @@ def top_view(
     """
     width, height = size
     picture: Pixels = np.zeros((height, width, 4), dtype=np.uint8)
-    low, high = _displayed_box(points, centres)
+    is_near = _near_the_others(points)
+    points, colors = points[is_near], colors[is_near]
+    low, high = _box(np.concatenate([centres, points]))
     middle, spans = (low + high) / 2, high - low
     scale = min((width - 24) / max(spans[0], 1e-12), (height - 24) / max(spans[1], 1e-12))
     order = np.argsort(points[:, 2], kind="stable")
@@ -221,13 +226,21 @@ def top_view(
     return picture
 
 
-def _displayed_box(points: FloatArray, centres: FloatArray) -> FloatArray:
-    """Least and largest coordinates (2, 3) of all cameras and of all but the farthest points."""
-    ends = [centres] if len(centres) else []
-    if len(points):
-        ends.append(np.quantile(points, _DISPLAYED, axis=0))
-    both = np.concatenate(ends) if ends else np.array([[-0.5] * 3, [0.5] * 3])
-    return np.stack([both.min(axis=0), both.max(axis=0)])
+def _near_the_others(points: FloatArray) -> NDArray[np.bool_]:
+    """Mask (N,) of the points that do not lie far off, as seen from above."""
+    if not len(points):
+        return np.zeros(0, dtype=np.bool_)
+    flat = points[:, :2]
+    middle, (low, high) = np.median(flat, axis=0), np.quantile(flat, _MOST, axis=0)
+    inside = (flat >= middle + _FAR * (low - middle)) & (flat <= middle + _FAR * (high - middle))
+    return np.asarray(inside.all(axis=1))
+
+
+def _box(places: FloatArray) -> FloatArray:
+    """Least and largest coordinates (2, 3)."""
+    if not len(places):
+        return np.array([[-0.5] * 3, [0.5] * 3])
+    return np.stack([places.min(axis=0), places.max(axis=0)])
 
 
 def _pixels(places: FloatArray, middle: FloatArray, scale: float, size: tuple[int, int]) -> NDArray[np.int64]:

@@ -84,6 +84,20 @@ def test_a_model_is_seen_from_above_to_its_edges() -> None:
     assert picture[:60].any()  # the camera, uppermost
 
 
+def test_nothing_is_cut_at_the_edges_of_the_picture_from_above() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(0, 1, (3000, 3))
+    points[:6] = rng.uniform(100, 200, (6, 3))  # far off
+    picture = top_view(points, np.full((3000, 3), 90, np.uint8), np.zeros((1, 3)), (200, 200))
+    assert not picture[:8].any()
+    assert not picture[-8:].any()
+    assert not picture[:, :8].any()
+    assert not picture[:, -8:].any()
+    rows, columns = picture[:, :, 3].nonzero()
+    assert np.ptp(rows) > 120
+    assert np.ptp(columns) > 120
+
+
 def test_the_matrix_is_symmetric_and_darker_where_more_agrees() -> None:
     first, second = np.array([0, 0, 1]), np.array([1, 2, 2])
     picture = match_matrix(3, first, second, np.array([100, 10, 0]))[80::160, 80::160].astype(int)

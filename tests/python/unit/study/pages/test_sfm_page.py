@@ -6,8 +6,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from browser_helpers import opened, screenshot, value_of
+from browser_helpers import opened, opened_at, screenshot, value_of
 from sfm_runs import NO_MATCH, finished_run, gps_outcome, pair, run_without_model, thumbnail
 from sfmcpp.map import Map
 from sfmcpp.model.photos import Features, Photo
@@ -143,6 +144,23 @@ def test_a_browser_shows_the_summary_first(tmp_path: Path) -> None:
     assert orange[:100].sum() > 100  # the sentence that images are missing
     assert orange[100:].sum() > 100  # cameras, seen from above
     assert picture[100:400].std() > 0.05
+
+
+@pytest.mark.parametrize(("width", "height"), [(360, 740), (420, 900), (900, 420), (1400, 900)])
+def test_no_table_is_wider_than_its_box(tmp_path: Path, width: int, height: int) -> None:
+    run = finished_run(left_out=(2,))
+    run.gps = gps_outcome(run, liar=3)
+    path = tmp_path / "report.html"
+    path.write_text(sfm_page(SfmReport(run), thumbnails(run)))
+    with opened_at(path.as_uri(), tmp_path, width, height) as ask:
+        value_of(ask, "document.querySelectorAll('details').forEach(folded => folded.open = true)")
+        assert value_of(ask, "document.scrollingElement.scrollWidth <= innerWidth")
+        boxes = "[...document.querySelectorAll('.scroll')].map(box => [box.clientWidth, box.scrollWidth])"
+        for box, table in value_of(ask, boxes):
+            assert 0 < table <= box
+        # Where the head of a table is not above its cells, they tell their columns themselves.
+        told = "getComputedStyle(document.querySelector('#cameras td'), '::before').content"
+        assert value_of(ask, told) == ('"camera"' if width < 1000 else "none")
 
 
 def test_on_a_phone_nothing_is_wider_than_the_window_and_columns_sort(tmp_path: Path) -> None:
