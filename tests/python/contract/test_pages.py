@@ -39,6 +39,17 @@ def copied(page: Path, folder: Path) -> Path:
     return copy
 
 
+def test_lines_of_code_are_no_longer_than_the_website_is_wide() -> None:
+    long = [
+        f"{page}:{block.line + number}"
+        for page in run_pages.pages()
+        for block, _ in run_pages.blocks_of(page, (REPOSITORY / page).read_text(encoding="utf-8"))
+        for number, line in enumerate(block.code.splitlines(), start=1)
+        if len(line) > 110
+    ]
+    assert not long
+
+
 @pytest.mark.parametrize("page", coded_pages(""), ids=str)
 def test_the_code_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     run_pages.run_page(copied(page, tmp_path), real=False)
