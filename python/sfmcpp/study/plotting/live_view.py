@@ -7,6 +7,7 @@ import io
 import math
 import time
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ MOST_KEYFRAMES = 40
 
 # How large the scene is drawn: distance of its points, or length of the path, in units of the page.
 _EXTENT = 10.0
+_EYE, _LOOKED_AT = np.array([0.0, -_EXTENT, 0.7 * _EXTENT]), np.array([0.0, 0.2 * _EXTENT, 0.0])
 _POINT, _FRUSTUM = 0.06, 0.25
 _PATH, _KEYFRAME, _CAMERA = (255, 50, 25), (90, 100, 110), (255, 255, 255)
 _GRID = (52, 64, 74)
@@ -87,6 +89,7 @@ class LiveView:
         self._metric = False
         self._add_controls(title)
         self._add_scene()
+        self._server.on_client_connect(_stand_back)
 
     @property
     def url(self) -> str:
@@ -131,15 +134,15 @@ class LiveView:
         gui = self._server.gui
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         gui.set_panel_label(title)
-        self._status = gui.add_markdown("")
+        self._status = gui.add_markdown("waiting for the first frame")
         self._choice = gui.add_dropdown("show", (_AROUND, _WHOLE), initial_value=_AROUND)
         self._choice.on_update(lambda _: self._place())
-        self._legend = gui.add_html("")
+        self._legend = gui.add_html(_legend())
 
     def _add_scene(self) -> None:
         scene, camera = self._server.scene, self._server.initial_camera
         scene.set_up_direction("+z")
-        camera.position, camera.look_at = (0.0, -_EXTENT, 0.7 * _EXTENT), (0.0, 0.2 * _EXTENT, 0.0)
+        camera.position, camera.look_at = _EYE, _LOOKED_AT
         self._grid = scene.add_grid("/grid", infinite_grid=True, cell_color=_GRID, section_color=_GRID)
         self._frame = scene.add_frame("/map", show_axes=False)
         nothing = np.zeros((0, 3), np.float32)
@@ -192,7 +195,7 @@ class LiveView:
         with self._server.atomic():
             self._grid.cell_size = self._grid.section_size = cell * scale
             self._grid.position = (0.0, 0.0, scale * (self._floor - float(self._turn[2] @ centre)))
-            self._legend.content = _legend(cell, "m" if self._metric else "")
+            self._legend.content = _legend(f"grid: {cell:g} {'m' if self._metric else ''}".rstrip())
             self._frame.wxyz = quaternion_from_rotation(self._turn[None])[0]
             self._frame.position = -scale * self._turn @ centre
             # The scale of a frame is that of its axes alone.
@@ -207,8 +210,17 @@ def _round_length(least: float) -> float:
     return next(step * decade for step in (1.0, 2.0, 5.0, 10.0) if step * decade >= least)
 
 
-def _legend(cell: float, unit: str) -> str:
-    """Legend: meaning of the colours, and the width of a cell of the grid."""
+def _stand_back(client: Any) -> None:
+    """In a window that is higher than wide, see as much from side to side as a square one does."""
+    aspect = float(client.camera.aspect)
+    if 0 < aspect < 1:
+        with client.atomic():
+            client.camera.position = _LOOKED_AT + (_EYE - _LOOKED_AT) / aspect
+            client.camera.look_at = _LOOKED_AT
+
+
+def _legend(grid: str = "") -> str:
+    """Legend: meaning of the colours, and what is said of the grid once there is a map."""
     ramp = ", ".join(f"rgb({r:.0f},{g:.0f},{b:.0f})" for r, g, b in _RAMP)
     bars = {"path": _PATH, "keyframes": _KEYFRAME, "camera": _CAMERA}
     looks = {name: f"rgb{color}" for name, color in bars.items()}
@@ -217,7 +229,7 @@ def _legend(cell: float, unit: str) -> str:
         '<span style="display:inline-block;width:22px;height:4px;margin:0 8px 3px 0;background:{}"></span>{}'
     )
     rows = [bar.format(look, name) for name, look in looks.items()]
-    return f'<div style="padding:0 12px">{"<br>".join([*rows, f"grid: {cell:g} {unit}".rstrip()])}</div>'
+    return f'<div style="padding:0 12px">{"<br>".join([*rows, grid])}</div>'
 
 
 def _without_viser_output() -> contextlib.AbstractContextManager[object]:

@@ -85,9 +85,11 @@ def opened(url: str, folder: Path, more_options: tuple[str, ...] = ("--disable-g
 
 
 @contextmanager
-def opened_at(url: str, folder: Path, width: int, height: int) -> Iterator[Ask]:
+def opened_at(
+    url: str, folder: Path, width: int, height: int, more_options: tuple[str, ...] = ("--disable-gpu",)
+) -> Iterator[Ask]:
     """Open a page in a window of that many pixels; a narrow one is that of a phone."""
-    with opened("about:blank", folder) as ask:
+    with opened("about:blank", folder, more_options) as ask:
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
         ask("Emulation.setDeviceMetricsOverride", **size)
         ask("Page.navigate", url=url)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.request import urlopen
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from browser_helpers import screenshot_when
+from browser_helpers import SOFTWARE_3D, TIMEOUT_S, opened_at, screenshot_when
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.slam import SlamResult, TrackSequence, run_slam
 from sfmcpp.study.plotting import live_view
@@ -140,6 +141,28 @@ def test_a_run_without_a_map_shows_its_status_alone(view: LiveView) -> None:
     view.show(SlamResult(), "initialising")
     assert view.num_points == 0
     assert view._status.content == "initialising"
+
+
+def test_the_page_says_what_it_waits_for_and_what_colours_mean_before_there_is_a_map(view: LiveView) -> None:
+    assert view._status.content == "waiting for the first frame"
+    assert "points, low to high" in view._legend.content
+    assert "grid" not in view._legend.content
+
+
+def test_on_a_phone_the_eye_stands_back(view: LiveView, tmp_path: Path) -> None:
+    """A window twice as high as wide shows from side to side what a square one does at the usual distance."""
+    eye, looked_at = (
+        np.array(getattr(view._server.initial_camera, name)) for name in ("position", "look_at")
+    )
+    usual = np.linalg.norm(eye - looked_at)
+    with opened_at(view.url, tmp_path, 420, 840, SOFTWARE_3D):
+        deadline = time.monotonic() + TIMEOUT_S
+        distance = 0.0
+        while distance < 1.9 * usual and time.monotonic() < deadline:
+            time.sleep(0.1)
+            for client in view._server.get_clients().values():
+                distance = float(np.linalg.norm(client.camera.position - client.camera.look_at))
+    assert distance == pytest.approx(2 * usual, rel=0.01)
 
 
 def test_the_next_free_port_is_taken_and_nothing_is_printed(
