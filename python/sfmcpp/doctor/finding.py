@@ -96,8 +96,8 @@ class Diagnosis:
         return f"Diagnosis({', '.join(f'{f.severity} {f.code}' for f in self.findings) or 'nothing found'})"
 
     def _repr_html_(self) -> str:
-        """The ranked list, for notebooks."""
-        return f"<pre>{escape(str(self))}</pre>"
+        """The ranked list, for notebooks; its sentences wrap."""
+        return f'<pre style="white-space: pre-wrap">{escape(str(self))}</pre>'
 
     def __str__(self) -> str:
         lines = [f"{k}. {finding}" for k, finding in enumerate(self.findings, start=1)]

@@ -286,7 +286,8 @@ def test_a_diagnosis_shows_itself_in_one_line_and_in_a_notebook_as_its_list() ->
     problem = sfmcpp.circle_scene(6, 40, seed=0)
     found = sfmcpp.diagnose(problem)
     assert repr(found) == "Diagnosis(note gauge-freedoms)"
-    assert found._repr_html_().startswith("<pre>1. note: gauge-freedoms: all 7 gauge freedoms")
+    opening = '<pre style="white-space: pre-wrap">1. note: gauge-freedoms: all 7 gauge freedoms'
+    assert found._repr_html_().startswith(opening)
 
 
 def far_away(problem: Problem) -> Problem:
