@@ -1,13 +1,14 @@
 // The nearest place of the eye, for a direction, from which all there is to see lies in the part of the window
 // that no panel covers. Each side of that part is a plane through the eye; the scene must lie within all four.
-// Of points, some may lie beyond each side: the few that are far off.
+// Of points, some may lie beyond each side: the few that are far off. A page has `points`, flat, and defines
+// `placesToSee()`, all of which must be seen; what covers its lower end has the id "lower".
 const FEW = 0.02, FAR = 1.5, MOST_FITTED = 20000, MARGIN = 14, LEAST_FREE = 60;
 const quantile = (sorted, share) => sorted.length ? sorted[Math.round(share * (sorted.length - 1))] : 0;
 const rows = (array, from = 0, to = array.length / 3) =>
   Array.from({ length: Math.max(to - from, 0) }, (_, i) => row(array, from + i));
 let fitted = null;
 
-// Look from a direction at all `places`, and at most of the points.
+// Look from a direction at all places, and at most of the points.
 function look(yaw, pitch) {
   resize();
   Object.assign(view, { target: [0, 0, 0], distance: 0, yaw, pitch });
