@@ -29,9 +29,11 @@ constexpr int kAgreeing = 4;
 constexpr double kLeastShare = 0.2;
 // The median of these, times this, is how far the scale falls.
 constexpr double kWidth = 2.0;
-// Of the scale it has fallen to, where the last is looked for, and how much rarer wrong
-// observations are to be there than right ones: pairs that agree by chance count fully up to the
-// scale.
+// Of normal noise, the largest of a million residuals is 4.5 medians.
+constexpr double kMostOfNoise = 6.0;
+// Of the scale it has fallen to, how far the last may rise, for wrong observations may lie near
+// right ones; and how much rarer they are to be there: pairs that agree by chance count fully up to
+// the scale.
 constexpr double kReach = 4.0, kRarer = 40.0;
 // Of the pairs that are nearest to each other.
 constexpr double kNearest = 0.02;
@@ -149,9 +151,10 @@ double FallingScale::at(const State& state) const {
 
 double FallingScale::after(double scale, const State& state) const {
   const std::vector<double> norms = residual_norms(images_, state);
-  if (all_within(images_.exchange(), norms, scale)) return scale;
-  const double next =
-      std::max({kWidth * median_within(images_, norms, scale), kMostFall * scale, least_});
+  const double median = median_within(images_, norms, scale);
+  const double noise = std::max(kMostOfNoise * median, least_);
+  if (all_within(images_.exchange(), norms, std::min(noise, scale))) return scale;
+  const double next = std::max({kWidth * median, kMostFall * scale, least_});
   return next < kLeastFall * scale ? next : scale;
 }
 
@@ -160,7 +163,8 @@ bool FallingScale::keeps_all(double scale, const State& state) const {
 }
 
 double FallingScale::last(double scale, const State& state) const {
-  return std::max(radius_at(images_, area_ / kRarer, state, kReach * scale), scale);
+  const double reach = kReach * scale;
+  return std::clamp(radius_at(images_, area_ / kRarer, state, reach), scale, reach);
 }
 
 namespace {

@@ -35,6 +35,29 @@ def test_the_weights_tell_outliers(camera_model: str) -> None:
     assert np.mean(model.observation_weights[~wrong] == 1.0) > 0.98
 
 
+@pytest.mark.parametrize("error_px", [10.0, 20.0, 50.0])
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.4])
+def test_outliers_that_lie_near_are_told_too(share: float, error_px: float) -> None:
+    truth = sfmcpp.circle_scene(20, 200, pixel_sigma_px=0.7, seed=7)
+    spoiled, wrong = sfmcpp.add_outliers(truth, share, sigma_px=error_px, seed=7)
+    problem = sfmcpp.perturb(
+        spoiled, point_sigma_m=0.05, position_sigma_m=0.05, rotation_sigma_deg=0.3, seed=7
+    )
+    clean = problem.with_observations(~wrong).copy()
+    sfmcpp.solve(clean)
+    summary = sfmcpp.solve(problem, loss="auto", max_iterations=200)
+    assert summary.loss_scale_px < 8.0
+    ours = problem.with_observations(~wrong)
+    allowed = 1.3 if error_px > 10.0 else 2.0
+    assert (sfmcpp.residuals(ours) ** 2).sum() < allowed * (sfmcpp.residuals(clean) ** 2).sum()
+
+
+def test_normal_noise_keeps_its_largest_residuals() -> None:
+    problem = sfmcpp.circle_scene(20, 500, pixel_sigma_px=0.7, seed=3)
+    least = sfmcpp.solve(problem.copy())
+    assert sfmcpp.solve(problem, loss="auto").final_cost == pytest.approx(least.final_cost, rel=1e-9)
+
+
 def test_the_bits_are_the_same_for_any_number_of_threads() -> None:
     solved = []
     for threads in (1, 2, 3):

@@ -37,7 +37,7 @@ class FallingScale {
 
   double at(const optim::State& state) const;
   // The scale that follows `scale`; itself where it has come to the bulk of the residuals, or where
-  // it lets go of none.
+  // it lets go of none and none is larger than noise.
   double after(double scale, const optim::State& state) const;
   // Whether no residual is beyond `scale`.
   bool keeps_all(double scale, const optim::State& state) const;
