@@ -27,7 +27,9 @@ from sfmcpp.model.residual_group import Group, ResidualGroup, require_kinds
 
 Callback = Callable[[Iteration], "bool | None"]
 
-# Of derivatives that a function gives against differences, as a share of the largest.
+# Of what a function gives when called again, and of its derivatives against differences, as shares of the
+# largest: threads inside the function may round in another order.
+_LARGEST_CHANGE = 1e-10
 _LARGEST_DERIVATIVE_ERROR = 1e-3
 _LITTLE_WEIGHT, _LARGEST_SHARE = 0.1, 0.5
 # Tukey's weight is little from 0.83 of its scale on, that of all others only farther out. If most errors are
@@ -82,7 +84,7 @@ def adjust(
         lambda: _run_facts(problem, constraints, arrays, options),
         _checkpoint_bytes(arrays),
     )
-    doubtful = list(_derivative_warnings(problem, constraints))
+    doubtful = list(_function_warnings(problem, constraints))
     given = number_array("intrinsics", problem.intrinsics).copy()
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
     summary = _summary(core, options)
@@ -175,14 +177,21 @@ def _warning_of_infinite_cost(problem: Problem, summary: Summary) -> Iterator[st
         )
 
 
-def _derivative_warnings(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
-    """Warnings about user functions whose derivatives differ from finite differences at the start."""
+def _function_warnings(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
+    """Warnings about user functions whose values or derivatives, at the start, cannot be right."""
     functions: dict[str, ResidualGroup | CameraFunction] = {
         f"constraints[{group.name!r}]": group for group in constraints if isinstance(group, ResidualGroup)
     }
     if isinstance(model := problem.camera_model, CameraFunction):
         functions[f"camera_model {model.name!r}"] = model
     for name, function in functions.items():
+        change = function.change_when_repeated(problem)
+        if change > _LARGEST_CHANGE:
+            yield (
+                f"{name}: its function gives other values when it is called again, by {100 * change:.2g} % "
+                "of the largest: must depend on its arguments only"
+            )
+            continue  # differences of such values say nothing of derivatives
         error = function.derivative_error(problem)
         if error > _LARGEST_DERIVATIVE_ERROR:
             yield (

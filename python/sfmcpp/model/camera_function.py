@@ -39,8 +39,9 @@ class CameraFunction:
     project : callable
         Called as ``project(points, intrinsics)`` with the points (M, 3) of all observations and the
         intrinsics (M, K) of their cameras; returns pixels (M, 2), each row only from the same row of the
-        arguments. NaN: the camera cannot see this point; a step that leads there is rejected. An exception
-        ends the solve and is passed on; the problem then has the best state so far.
+        arguments. These are copies, which it may change, and it may return the same array each time. NaN: the
+        camera cannot see this point; a step that leads there is rejected. An exception ends the solve and is
+        passed on; the problem then has the best state so far.
     intrinsics : tuple of str
         Names of the K intrinsic parameters, 1 to 12. The constraints ``focal`` and ``principal-point`` go by
         ``f``, ``cx`` and ``cy``.
@@ -116,15 +117,15 @@ class CameraFunction:
         if not jacobians:
             return pixels, None, None
         count, label = len(points), f"camera_model {self.name!r}: derivatives"
-        found: Any = (self.jacobians or self._differences)(points, intrinsics)
+        found: Any = (self.jacobians or self._differences)(points.copy(), intrinsics.copy())
         if not isinstance(found, tuple | list) or len(found) != 2:
             raise InvalidArgument(f"{label}: must be two arrays, by points and by intrinsics")
         by_point, by_intrinsics = found
         require_double(label, by_point, by_intrinsics)
         return (
             pixels,
-            finite_array(f"{label} by points", by_point, (count, 2, 3)),
-            finite_array(f"{label} by intrinsics", by_intrinsics, (count, 2, len(self.intrinsics))),
+            finite_array(f"{label} by points", by_point, (count, 2, 3)).copy(),
+            finite_array(f"{label} by intrinsics", by_intrinsics, (count, 2, len(self.intrinsics))).copy(),
         )
 
     def require_images(self, problem: Problem) -> None:
@@ -142,6 +143,15 @@ class CameraFunction:
                 f"camera_model {self.name!r}: project gives no number for observation {k}, of a point at "
                 f"{points[k].tolist()} in its camera ({len(bad)} of {len(points)} observations)"
             )
+
+    def change_when_repeated(self, problem: Problem) -> float:
+        """How far the pixels of a second call are from the first's, over the largest."""
+        if not _indices_fit(problem):
+            return 0.0
+        points, rows = _points_in_cameras(problem)
+        first, again = self._pixels(points, rows), self._pixels(points, rows)
+        largest = float(np.abs(first).max(initial=0.0))
+        return float(np.abs(again - first).max(initial=0.0)) / largest if largest > 0 else 0.0
 
     def derivative_error(self, problem: Problem) -> float:
         """How far the derivatives that `jacobians` gives are from differences, at the state of a problem.
@@ -175,9 +185,9 @@ class CameraFunction:
 
     def _pixels(self, points: FloatArray, intrinsics: FloatArray) -> FloatArray:
         label = f"camera_model {self.name!r}: project"
-        found = self.project(points, intrinsics)
+        found = self.project(points.copy(), intrinsics.copy())
         require_double(label, found)
-        return shaped_array(label, found, (len(points), 2))
+        return np.array(shaped_array(label, found, (len(points), 2)))  # `project` may write into it again
 
     def _differences(self, points: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
         here = self._pixels(points, intrinsics)

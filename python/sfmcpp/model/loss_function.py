@@ -110,7 +110,7 @@ def _tabulated(derivative: Curve) -> tuple[FloatArray, FloatArray]:
 def _values(name: str, function: Curve, begin: FloatArray, end: FloatArray, places: FloatArray) -> FloatArray:
     """Of a function of s at places of cells (n,): (n, places)."""
     s = np.clip(begin[:, None] + (end - begin)[:, None] * places, begin[:, None], end[:, None])
-    values = shaped_array(name, function(s.ravel()), (s.size,)).reshape(s.shape)
+    values = np.array(shaped_array(name, function(s.flatten()), (s.size,))).reshape(s.shape)
     bad = ~(np.isfinite(values) & (values >= 0))
     if bad.any():
         raise InvalidArgument(f"{name}({s[bad][0]:.6g}) = {values[bad][0]}: must be finite and not negative")

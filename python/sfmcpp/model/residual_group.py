@@ -65,8 +65,9 @@ class ResidualGroup(MemberGroup):
         optionally with derivatives: (n, k, 6) or (n, k, 2, 6) by δR of ``R exp([δR]×)`` [rad] and the centre,
         and (n, k, 3) by the point, as ``r, by_pose``, ``r, by_point`` or ``r, by_pose, by_point``. Without
         derivatives it is called twelve times for each camera of a member and six times for its point, for
-        central differences. The result must depend on the arguments only. An exception ends the solve and
-        is passed on; the problem then holds the best state so far.
+        central differences. The result must depend on the arguments only; these are copies, which it may
+        change, and it may return the same array each time. An exception ends the solve and is passed on; the
+        problem then holds the best state so far.
     cameras : (n,) or (n, 2) int32, optional
         The camera of each member, or a pair of cameras. Default: none, with `points`.
     weight : float
@@ -187,6 +188,16 @@ class ResidualGroup(MemberGroup):
         """
         return self.evaluate(*self._arguments_of(problem), jacobian=False).residuals
 
+    def change_when_repeated(self, problem: Problem) -> float:
+        """How far a second call at the state of a problem is from the first, over the largest residual.
+
+        Raises
+        ------
+        InvalidArgument
+            As :meth:`residuals_at`.
+        """
+        return _relative_error(self.residuals_at(problem), self.residuals_at(problem))
+
     def derivative_error(self, problem: Problem) -> float:
         """How far the derivatives that the function gives are from differences, at the state of a problem.
 
@@ -244,7 +255,7 @@ class ResidualGroup(MemberGroup):
             arguments.append(poses if self._pairs else poses[:, 0])
         if points is not None:
             arguments.append(points)
-        answer = self.function(*arguments)
+        answer = self.function(*(argument.copy() for argument in arguments))
         values, *derivatives = answer if isinstance(answer, tuple) else (answer,)
         if derivatives and len(derivatives) != len(arguments):
             raise InvalidArgument(
@@ -253,7 +264,7 @@ class ResidualGroup(MemberGroup):
             )
         require_double(self._label("function"), values, *derivatives)
         residuals = finite_array(self._label("function"), values, (self.num_members, ANY))
-        return residuals, tuple(derivatives)
+        return residuals.copy(), tuple(derivatives)  # it may write into the same array the next time
 
     def _given_derivatives(self, residuals: FloatArray, derivatives: tuple[ArrayLike, ...]) -> Evaluation:
         """Derivatives as the function gives them."""
@@ -261,9 +272,9 @@ class ResidualGroup(MemberGroup):
         label = f"derivatives of {self._label('function')}"
         if self.cameras is not None:
             shape = (*residuals.shape, 2, 6) if self._pairs else (*residuals.shape, 6)
-            poses = finite_array(label, left.pop(0), shape).reshape(*residuals.shape, -1, 6)
+            poses = finite_array(label, left.pop(0), shape).reshape(*residuals.shape, -1, 6).copy()
         if self.points is not None:
-            point = finite_array(f"{label} by points", left.pop(0), (*residuals.shape, 3))
+            point = finite_array(f"{label} by points", left.pop(0), (*residuals.shape, 3)).copy()
         return Evaluation(residuals, poses, point)
 
     def _differences(

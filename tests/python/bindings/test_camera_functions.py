@@ -335,3 +335,34 @@ def test_a_problem_names_its_function() -> None:
     assert repr(own_bal()) == "CameraFunction('own': f, k1, k2)"
     with pytest.raises(InvalidArgument, match="camera model 'own' has f, k1, k2"):
         problem.set_free_intrinsics("skew")
+
+
+@pytest.mark.parametrize("habit", ["one array for all calls", "changes its arguments"])
+def test_a_function_may_return_the_same_array_each_time_and_change_its_arguments(habit: str) -> None:
+    first = copied(scene(), own_bal(with_jacobians=False))
+    buffer = np.empty((first.num_observations, 2))
+
+    def own(points: Array, intrinsics: Array) -> Array:
+        if habit == "changes its arguments":
+            pixels = bal(points, intrinsics)
+            points += 0.01
+            intrinsics *= 1.01
+            return pixels
+        buffer[:] = bal(points, intrinsics)
+        return buffer
+
+    second = copied(first, CameraFunction(own, ("f", "k1", "k2"), free_by_default=("f", "k1", "k2")))
+    sfmcpp.solve(first)
+    assert not sfmcpp.solve(second).warnings
+    np.testing.assert_array_equal(second.cameras, first.cameras)
+
+
+def test_a_function_that_gives_other_values_when_called_again_is_named() -> None:
+    rng = np.random.default_rng(0)
+    noisy = CameraFunction(
+        lambda points, row: bal(points, row) + rng.normal(0, 0.01, (len(points), 2)),
+        ("f", "k1", "k2"),
+        name="own",
+    )
+    warnings = sfmcpp.solve(copied(scene(), noisy), max_iterations=2).warnings
+    assert "camera_model 'own': its function gives other values when it is called again" in warnings[0]

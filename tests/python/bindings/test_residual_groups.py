@@ -207,3 +207,50 @@ def test_derivatives_that_are_not_those_of_the_function_are_told() -> None:
     sign = 1.0
     assert group.derivative_error(scene()) < 1e-6
     assert not any("derivatives" in w for w in sfmcpp.solve(scene(), constraints=[group]).warnings)
+
+
+def heights(poses: Array) -> Array:
+    return np.asarray((poses[:, 2, 3:] - scene().centres[:, 2:] - 0.1) / 0.2)
+
+
+@pytest.mark.parametrize("habit", ["one array for all calls", "changes its argument"])
+def test_a_function_may_return_the_same_array_each_time_and_change_its_arguments(habit: str) -> None:
+    buffer = np.zeros((6, 1))
+
+    def own(poses: Array) -> Array:
+        if habit == "changes its argument":
+            poses[:, 2, 3] -= scene().centres[:, 2]
+            poses[:, 2, 3] -= 0.1
+            return np.asarray(poses[:, 2, 3:] / 0.2)
+        buffer[:] = heights(poses)
+        return buffer
+
+    first, second = scene(), scene()
+    sfmcpp.solve(first, constraints=[ResidualGroup(heights, CAMERAS)])
+    summary = sfmcpp.solve(second, constraints=[ResidualGroup(own, CAMERAS)])
+    np.testing.assert_array_equal(second.cameras, first.cameras)
+    assert not summary.warnings
+
+
+def test_derivatives_in_an_array_of_the_function_are_compared_with_differences() -> None:
+    residuals, jacobian = np.zeros((6, 1)), np.zeros((6, 1, 6))
+
+    def own(poses: Array) -> tuple[Array, Array]:
+        residuals[:], jacobian[:] = heights(poses), 0.0
+        jacobian[:, 0, 5] = -5.0
+        return residuals, jacobian
+
+    assert ResidualGroup(own, CAMERAS).derivative_error(scene()) == pytest.approx(2)
+
+
+@pytest.mark.parametrize("habit", ["random", "drifts"])
+def test_a_function_that_gives_other_values_when_called_again_is_named(habit: str) -> None:
+    rng, calls = np.random.default_rng(0), [0]
+
+    def own(poses: Array) -> Array:
+        calls[0] += 1
+        return heights(poses) + (rng.normal(0, 0.1, (6, 1)) if habit == "random" else 0.01 * calls[0])
+
+    group = ResidualGroup(own, CAMERAS, name="gps")
+    (warning,) = sfmcpp.solve(scene(), constraints=[group], max_iterations=2).warnings
+    assert "constraints['gps']: its function gives other values when it is called again" in warning
