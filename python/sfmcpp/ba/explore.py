@@ -14,7 +14,7 @@ from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,9 @@ class StepExploration:
     geometric : (n,) float64
         The true cost at each pair of lengths.
     algebraic : (n,) float64
-        The algebraic cost there (thesis eq. 4.14); its unit is its own.
+        The algebraic cost there (thesis eq. 4.14); its unit is its own, and it has the weights of the true
+        cost, by σ and by the loss. Of projective problems it is that in the frame of a solve (docs,
+        Equations §5).
     lengths : list of float
         Common lengths at which the algebraic cost is stationary: what G-ALS proposes.
     pairs : list of (float, float)
@@ -67,11 +69,9 @@ def explore_step(problem: Problem, lengths: ArrayLike, **options: Any) -> StepEx
     Raises
     ------
     InvalidArgument
-        If the problem, an option or the shape of `lengths` breaks a rule, or there is no step.
+        If the problem, an option or `lengths` breaks a rule, or there is no step.
     """
-    pairs = np.asarray(lengths, dtype=np.float64)
-    if pairs.ndim != 2 or pairs.shape[1] != 2:
-        raise InvalidArgument(f"lengths: shape {pairs.shape}, must be (any, 2)")
+    pairs = finite_array("lengths", lengths, (ANY, 2))
     candidate, chosen = problem.copy(), SolveOptions(**options)
     if chosen.point_steps not in ("auto", "whole"):
         raise InvalidArgument(

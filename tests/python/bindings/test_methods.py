@@ -73,6 +73,11 @@ def test_a_step_that_is_explored_is_whole(point_steps: str) -> None:
         explore_step(scene(), [(1, 1)], point_steps=point_steps)
 
 
+def test_lengths_that_are_no_numbers_are_refused() -> None:
+    with pytest.raises(sfmcpp.InvalidArgument, match=r"lengths\[1, 0\] = nan: must be finite"):
+        explore_step(scene(), [(1, 1), (np.nan, 1)])
+
+
 def test_exploring_a_step_gives_the_true_costs_and_leaves_the_problem() -> None:
     start = scene()
     before = start.copy()

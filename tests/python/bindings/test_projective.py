@@ -9,6 +9,7 @@ import pytest
 
 import sfmcpp
 from sfmcpp import DatasetError, InvalidArgument, Problem
+from sfmcpp.ba import explore_step
 
 
 def scene(camera_model: str = "calibrated", noise_px: float = 1.0) -> Problem:
@@ -134,3 +135,35 @@ def test_only_the_own_format_holds_projective_problems(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sfmcpp.read(tmp_path / "kept.npz").cameras, problem.cameras)
     with pytest.raises(DatasetError, match=r"metric cameras only: use \.npz"):
         sfmcpp.write(problem, tmp_path / "lost.txt")
+
+
+def test_the_algebraic_cost_is_that_in_the_frame_of_a_solve() -> None:
+    """By the formulas of docs/equations.md §5, up to the scales of the candidate's matrices."""
+    problem = sfmcpp.as_projective(perturbed(scene()))
+    places = problem.points[:, :3] / problem.points[:, 3:]
+    middle = np.median(places, axis=0)
+    size = 0.1 / np.median(np.linalg.norm(places - middle, axis=1))
+    frame = np.vstack([size * np.column_stack([np.eye(3), -middle]), [0, 0, 0, 1]])
+
+    def in_frame(state: Problem) -> tuple[np.ndarray, np.ndarray]:
+        return state.cameras @ np.linalg.inv(frame), state.points @ frame.T
+
+    def scaled(values: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """So that what is added to the start is at right angles to it."""
+        axes = tuple(range(1, values.ndim))
+        return values / (values * start).sum(axis=axes, keepdims=True)
+
+    cameras, points = (
+        x / np.linalg.norm(x.reshape(len(x), -1), axis=1).reshape(-1, *[1] * (x.ndim - 1))
+        for x in in_frame(problem)
+    )
+    lengths = [(0.0, 0.0), (1.0, 1.0), (0.3, 1.4)]
+    step = explore_step(problem, lengths, damping_matrix="identity")
+    moved = [scaled(x, start) for x, start in zip(in_frame(step.candidate), (cameras, points), strict=True)]
+    for (of_cameras, of_points), found in zip(lengths, step.algebraic, strict=True):
+        p, q = cameras + of_cameras * (moved[0] - cameras), points + of_points * (moved[1] - points)
+        seen = np.einsum("mij,mj->mi", p[problem.camera_index], q[problem.point_index])
+        scale, centre = np.split(problem.intrinsics[problem.camera_index], [1], axis=1)
+        image = (problem.pixels - centre) / scale
+        errors = seen[:, :2] - image * seen[:, 2:]
+        assert found == pytest.approx(0.5 * np.sum(errors**2), rel=1e-9)
