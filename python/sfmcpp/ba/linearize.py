@@ -49,8 +49,10 @@ class LinearModel:
     constraints", over all columns as they are, radians beside lengths beside pixels), unless fixed cameras,
     fixed points or constraints leave no similarity of the world free. In the fixed gauge the parameters that
     are held have no column, and the plain inverse is meant. All are for observations whose standard
-    deviations are exact; where `sigma_px` is right up to a factor, multiply by
-    ``Σ ρ′ r² / (2 M + rows − parameters)``, or whatever estimates it: that choice is the caller's.
+    deviations are exact. Where those of observations and groups are right up to a common factor, multiply by
+    ``(Σ ρ′ r² + Σ w ‖e‖²) / (2 M + n − num_determined)``, with ‖e‖² the `squared_error` of a group and n the
+    independent numbers of all groups (three of a rotation, not nine), or whatever estimates it: that choice
+    is the caller's.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ class Iteration:
     accepted : bool
         Whether the step was taken.
     damping : float
-        λ of the step.
+        λ of the step; 0 for methods without, as dog-leg. Neither its radius nor gain ratios are kept.
     gradient_norm : float
         Largest entry of the gradient where the step started: the same in the first two rows.
     step_norm : float

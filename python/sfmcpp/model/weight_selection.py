@@ -96,7 +96,9 @@ class WeightSelection:
     constraint_error : (W,) float64
         Mean squared error of the constraint, or of the members, at each.
     score : (W,) float64
-        What the method minimises; infinite where it may not choose.
+        What the method minimises; infinite where it may not choose. Of groups, "loo-approx" and "k-fold": the
+        mean robust loss of predicted observations; "variance": minus twice the logarithm of the likelihood
+        and its prior, up to a constant, at the weights on the way.
     admissible : (W,) bool
         Weights that keep at least 90 % of the inliers of the images alone.
     sensor_sigma : float

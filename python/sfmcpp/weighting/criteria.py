@@ -30,7 +30,7 @@ _TIE = 1e-12
 def l_curve_scores(
     weights: FloatArray, rest: FloatArray, constraint: FloatArray, slope: FloatArray | None = None
 ) -> FloatArray:
-    """Minus the curvature κ of ``(log ρ, log ν)`` (thesis eqs 2.53–2.54).
+    """Minus the curvature of ``(log √ρ, log √ν)``, twice that of ``(log ρ, log ν)`` (thesis eqs 2.53–2.54).
 
     Parameters
     ----------
@@ -40,7 +40,8 @@ def l_curve_scores(
     Returns
     -------
     (W,) float64
-        −κ; infinite where the curve stands still or an objective is zero, and for λ = 0.
+        −2κ, κ the curvature of ``(log ρ, log ν)``; infinite where the curve stands still or an objective is
+        zero, and for λ = 0.
     """
     rho, nu, nu_slope = _checked_curve(weights, rest, constraint, slope)
     defined = (weights > 0) & (rho > 0) & (nu > 0) & (nu_slope < 0)

@@ -50,6 +50,15 @@ def test_the_noise_of_a_gps_is_recovered(drift: tuple[Problem, Problem], sigma_m
     assert not chosen.conflict.conflicting
 
 
+@pytest.mark.parametrize("cameras", [5, 20])
+def test_the_variance_is_the_squares_over_one_number_less_than_the_redundancy(cameras: int) -> None:
+    truth = sfmcpp.circle_scene(cameras, 60, pixel_sigma_px=1.0, seed=1)
+    (chosen,) = choose(truth, gps(truth, 0.05))
+    assert chosen.redundancy is not None
+    squares = 3 * cameras * chosen.constraint_error[list(chosen.weights).index(chosen.weight)]
+    assert squares / (chosen.redundancy - 1) == pytest.approx(chosen.sensor_sigma**2, rel=0.02)
+
+
 def test_numbers_of_members_have_weights_of_their_own() -> None:
     truth = sfmcpp.circle_scene(20, 200, pixel_sigma_px=1.0, seed=2)
     alike, group = gps(truth, 0.2), gps(truth, 0.2)
