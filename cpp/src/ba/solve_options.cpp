@@ -42,6 +42,17 @@ void refuse_point_steps(const optim::MinimizerOptions& minimizer) {
   }
 }
 
+// A comparison of tests without the search that has them would compare nothing.
+void refuse_backtracking_test(const optim::LineSearchOptions& search) {
+  using optim::BacktrackingTest, optim::LineSearchKind;
+  if (search.backtracking_test == BacktrackingTest::kArmijo ||
+      search.kind == LineSearchKind::kBacktracking)
+    return;
+  throw InvalidArgument("backtracking_test = '" + std::string(enum_name(search.backtracking_test)) +
+                        "' with line_search = '" + std::string(enum_name(search.kind)) +
+                        "': only 'backtracking' has a test");
+}
+
 // An option that a method cannot heed is refused rather than ignored.
 void refuse_what_does_not_combine(const SolveOptions& options) {
   const optim::MinimizerOptions& minimizer = options.minimizer;
@@ -53,6 +64,7 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
     refuse("initial_radius", method, "only 'dog-leg' has a radius");
   refuse_acceleration(minimizer);
   refuse_point_steps(minimizer);
+  refuse_backtracking_test(search);
   if (search.damping_threshold && !facts_of(method).has_damping)
     refuse("line_search_damping", method, "it has no damping to compare with");
   if (!facts_of(method).solves_linear_system &&

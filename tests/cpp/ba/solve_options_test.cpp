@@ -112,6 +112,16 @@ TEST(SolveOptions, TriggersWithoutALineSearchAreRefused) {
             "line_search = 'none': choose a line search to be used above line_search_damping");
 }
 
+TEST(SolveOptions, ATestOfBacktrackingIsRefusedWithoutIt) {
+  SolveOptions options;
+  options.minimizer.line_search.backtracking_test = optim::BacktrackingTest::kGoldstein;
+  EXPECT_EQ(
+      refusal(options),
+      "backtracking_test = 'goldstein' with line_search = 'none': only 'backtracking' has a test");
+  options.minimizer.line_search.kind = LineSearchKind::kBacktracking;
+  EXPECT_EQ(refusal(options), "legal");
+}
+
 TEST(SolveOptions, AStepIsBentOrSearchedAlong) {
   SolveOptions options;
   options.minimizer.acceleration = optim::Acceleration::kGeodesic;

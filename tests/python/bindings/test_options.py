@@ -62,6 +62,12 @@ def test_gauss_newton_refuses_a_free_gauge(problem: Problem) -> None:
         sfmcpp.solve(problem, method="gauss-newton", gauge="free")
 
 
+@pytest.mark.parametrize("line_search", ["none", "exact"])
+def test_a_test_of_backtracking_is_refused_without_it(problem: Problem, line_search: str) -> None:
+    with pytest.raises(InvalidArgument, match="backtracking_test = 'goldstein' with line_search = "):
+        sfmcpp.solve(problem, backtracking_test="goldstein", line_search=line_search)
+
+
 @pytest.mark.parametrize(
     "change",
     [
