@@ -158,3 +158,15 @@ def test_functions_at_module_level_can_be_pickled() -> None:
 def test_functions_that_cannot_be_a_loss_are_named(functions: Any, message: str) -> None:
     with pytest.raises(InvalidArgument, match=message):
         LossFunction(*functions)
+
+
+def test_functions_may_write_into_the_same_array_each_time() -> None:
+    buffer = np.zeros(100_000)
+
+    def weight(s: Array) -> Array:
+        buffer[: len(s)] = 1 / (1 + s)
+        return buffer[: len(s)]
+
+    s = np.geomspace(1e-3, 1e6, 50)
+    found = _core.loss_terms(LossFunction(np.log1p, weight), 1.0, s)[1]
+    np.testing.assert_allclose(found, 1 / (1 + s), rtol=1e-10)
