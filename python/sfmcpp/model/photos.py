@@ -39,6 +39,8 @@ class Photo:
         Of the file's bytes and its mask's: equal content, equal digest. Empty without a file.
     mask : Path or None
         Image in whose black parts nothing is detected.
+    position_sigmas_m : tuple of float or None
+        Standard deviations of the position, east, north and up [m].
     """
 
     name: str
@@ -50,6 +52,7 @@ class Photo:
     taken_s: float | None = None
     digest: str = ""
     mask: Path | None = None
+    position_sigmas_m: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

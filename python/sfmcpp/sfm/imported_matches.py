@@ -236,9 +236,10 @@ def match_graph_of_database(
     MatchGraph
         Images in the order of their names, with the keypoints that COLMAP detected and the matches that it
         has verified (all matches where it has verified none). Images of one camera share it; its focal
-        length counts where the files told it, and so do their positions if they are WGS84. A reconstruction
-        keeps the identifiers of images and cameras, and the cameras' models unless another is asked for;
-        `warnings` say what of the database is not used.
+        length counts where the files told it, and so do their positions if they are WGS84, with standard
+        deviations from their covariances if each has one. A reconstruction keeps the identifiers of images
+        and cameras, and the cameras' models unless another is asked for; `warnings` say what of the
+        database is not used.
 
     Raises
     ------

@@ -262,6 +262,13 @@ def _exif_positions(photos: Sequence[Photo]) -> dict[str, Triple]:
     return {name: position for name, position in positions.items() if math.isfinite(position[2])}
 
 
+def _sigmas_of(photos: Sequence[Photo], placed: Mapping[str, Triple]) -> dict[str, Triple] | None:
+    """Standard deviations of the positions of photos; None unless all have them."""
+    known = {photo.name: photo.position_sigmas_m for photo in photos if photo.name in placed}
+    stated = {name: sigmas for name, sigmas in known.items() if sigmas is not None}
+    return stated if len(stated) == len(placed) else None
+
+
 def choose_positions(
     gps: str | PathLike[str], known: NamedPositions | None, photos: Sequence[Photo]
 ) -> Positions | None:
@@ -294,7 +301,7 @@ def choose_positions(
         return None
     if not from_exif:
         raise InvalidArgument("gps = 'exif': no image tells its position with its height")
-    return positions_of(names, from_exif, geodetic=True)
+    return positions_of(names, from_exif, geodetic=True, sigmas=_sigmas_of(photos, from_exif))
 
 
 def unused_positions(gps: str | PathLike[str], photos: Sequence[Photo]) -> list[str]:

@@ -13,6 +13,7 @@ import pytest
 import sfmcpp
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import match_graph_of_database, reconstruct
+from sfmcpp.sfm.positions import choose_positions
 from sfmcpp.sources.io.colmap.database import read_database
 
 NAMES = ["b.jpg", "a.jpg", "c.jpg"]
@@ -159,6 +160,52 @@ def test_what_is_not_used_is_said(tmp_path: Path) -> None:
     (rigs,) = match_graph_of_database(path).warnings
     assert rigs.startswith("rigs of several cameras in the database (1) are not used")
     change(path, "DELETE FROM rig_sensors")
+    assert match_graph_of_database(path).warnings == []
+
+
+def covariance(*variances: float) -> str:
+    return f"x'{blob(np.diag(variances), np.float64).hex()}'"
+
+
+@pytest.mark.parametrize("names", ["image_id", "corr_data_id, corr_sensor_type"])
+def test_covariances_of_positions_are_their_standard_deviations(tmp_path: Path, names: str) -> None:
+    path = write_database(tmp_path / "database.db")
+    position = f"x'{blob([46.8, -92, 200], np.float64).hex()}'"
+    extra = ", 0" * names.count(",")
+    columns = f"{names}, position, position_covariance, coordinate_system"
+    change(
+        path,
+        f"DROP TABLE pose_priors; CREATE TABLE pose_priors ({columns});"
+        f"INSERT INTO pose_priors VALUES (5{extra}, {position}, {covariance(4, 9, 16)}, 0);"
+        f"INSERT INTO pose_priors VALUES (3{extra}, {position}, {covariance(1, 1, 0.25)}, 0)",
+    )
+    graph = match_graph_of_database(path)
+    assert [photo.position_sigmas_m for photo in graph.photos] == [(2, 3, 4), (1, 1, 0.5), None]
+    assert graph.warnings == []
+    positions = choose_positions("exif", None, graph.photos)
+    assert positions is not None
+    assert positions.sigmas_m is not None
+    np.testing.assert_array_equal(positions.sigmas_m[:2], [[2, 3, 4], [1, 1, 0.5]])
+
+
+@pytest.mark.parametrize("missing", ["NULL", covariance(np.nan, np.nan, np.nan), covariance(1, 1, 0)])
+def test_covariances_of_some_positions_do_not_count(tmp_path: Path, missing: str) -> None:
+    path = write_database(tmp_path / "database.db")
+    change(
+        path,
+        "ALTER TABLE pose_priors ADD COLUMN position_covariance;"
+        "UPDATE pose_priors SET coordinate_system = 0;"
+        f"UPDATE pose_priors SET position_covariance = {covariance(1, 1, 1)} WHERE image_id = 5;"
+        f"UPDATE pose_priors SET position_covariance = {missing} WHERE image_id = 8",
+    )
+    graph = match_graph_of_database(path)
+    (warning,) = graph.warnings
+    assert warning.startswith("covariances of position priors in the database (1) are not used, as 1 po")
+    assert "c.jpg" in warning
+    positions = choose_positions("exif", None, graph.photos)
+    assert positions is not None
+    assert positions.sigmas_m is None
+    change(path, f"UPDATE pose_priors SET position_covariance = {missing}")
     assert match_graph_of_database(path).warnings == []
 
 

@@ -33,6 +33,7 @@ _PAIR_BASE = 2**31 - 1
 _WATERMARK = 7
 _LEAST_FOCAL_PX = 1.0
 _CAMERA_SENSOR, _WGS84, _CARTESIAN = 0, 0, 1
+_Triple = tuple[float, float, float]
 # Columns of keypoints: x, y; then scale and angle, or the four numbers of an affine shape.
 _SCALED, _AFFINE = 4, 6
 
@@ -124,9 +125,8 @@ class _Reader:
         keypoints, scales = self._keypoints(number_of)
         counts = [len(places) for places in keypoints]
         matches = dict(self._matches(number_of, counts))
-        return ColmapDatabase(
-            photos, list(number_of), cameras, keypoints, scales, matches, list(self._unused())
-        )
+        unused = [*self._unused(), *_unused_sigmas(photos)]
+        return ColmapDatabase(photos, list(number_of), cameras, keypoints, scales, matches, unused)
 
     def _photos(self) -> tuple[list[Photo], list[DatabaseCamera], dict[int, int]]:
         """Images with what is known of their cameras, and their numbers by identifier."""
@@ -143,7 +143,9 @@ class _Reader:
             size, found, known = cameras[camera]
             focal = float(found.intrinsics[0]) if known else None
             number_of[image] = len(photos)
-            photos.append(Photo(str(name), None, size, focal, str(camera), positions.get(image)))
+            position, sigmas = positions.get(image, (None, None))
+            photo = Photo(str(name), None, size, focal, str(camera), position, position_sigmas_m=sigmas)
+            photos.append(photo)
             used.append(found)
         if not photos:
             raise self._error("holds no images")
@@ -167,22 +169,34 @@ class _Reader:
             row = intrinsics_from_params([name], [numbers.tolist()])[0][0]
             yield camera, ((width, height), DatabaseCamera(camera, name, row), bool(known))
 
-    def _positions(self) -> Iterator[tuple[int, tuple[float, float, float]]]:
-        """Latitude, longitude [deg] and height [m] by image."""
-        for image, blob in self._priors(_WGS84):
+    def _positions(self) -> Iterator[tuple[int, tuple[_Triple, _Triple | None]]]:
+        """Latitude, longitude [deg] and height [m], and standard deviations [m] if there are, by image."""
+        for image, blob, covariance in self._priors(_WGS84):
             latitude, longitude, height = self._array("pose_priors", blob, 1, 3, np.float64)[0].tolist()
             if np.isfinite([latitude, longitude]).all():
-                yield image, (latitude, longitude, height)
+                yield image, ((latitude, longitude, height), self._sigmas(covariance))
 
-    def _priors(self, system: int) -> Iterator[tuple[Any, Any]]:
-        """Image and position of each pose prior in a coordinate system."""
+    def _sigmas(self, covariance: object) -> _Triple | None:
+        """Standard deviations east, north and up [m]; None where they are unknown or impossible."""
+        if covariance is None:
+            return None
+        variances = self._array("pose_priors: covariance", covariance, 3, 3, np.float64).diagonal()
+        if not (_are_plausible(variances) & (variances > 0)).all():
+            return None
+        east, north, up = np.sqrt(variances).tolist()
+        return east, north, up
+
+    def _priors(self, system: int) -> Iterator[tuple[Any, Any, Any]]:
+        """Image, position and its covariance of each pose prior in a coordinate system."""
         if "pose_priors" not in self._tables:
             return
         known = {name for _, name, *_ in self._connection.execute("PRAGMA table_info(pose_priors)")}
-        by_sensor = f"corr_data_id, position FROM pose_priors WHERE corr_sensor_type = {_CAMERA_SENSOR} AND"
-        by_image = "image_id, position FROM pose_priors WHERE"
-        which = by_sensor if "corr_data_id" in known else by_image
-        yield from self._rows(f"SELECT {which} coordinate_system = {system}")
+        covariance = "position_covariance" if "position_covariance" in known else "NULL"
+        image, which = "image_id", ""
+        if "corr_data_id" in known:
+            image, which = "corr_data_id", f"corr_sensor_type = {_CAMERA_SENSOR} AND"
+        columns = f"{image}, position, {covariance}"
+        yield from self._rows(f"SELECT {columns} FROM pose_priors WHERE {which} coordinate_system = {system}")
 
     def _unused(self) -> Iterator[str]:
         if "rig_sensors" in self._tables:
@@ -256,6 +270,17 @@ class _Reader:
 
     def _error(self, reason: str) -> DatasetError:
         return DatasetError(self._path, reason)
+
+
+def _unused_sigmas(photos: list[Photo]) -> Iterator[str]:
+    """Say that standard deviations of some positions cannot count beside positions without."""
+    placed = [photo for photo in photos if photo.position is not None and np.isfinite(photo.position[2])]
+    without = [photo.name for photo in placed if photo.position_sigmas_m is None]
+    if 0 < len(without) < len(placed):
+        yield (
+            f"covariances of position priors in the database ({len(placed) - len(without)}) are not used, as "
+            f"{len(without)} positions have none, or one without positive variances ({without[0]})"
+        )
 
 
 def _are_plausible(numbers: NDArray[Any]) -> BoolArray:
