@@ -187,7 +187,7 @@ class Problem:
         known = self.intrinsic_names
         for name in names:
             if name not in known:
-                other = OTHER_NAMES.get(name)
+                other = OTHER_NAMES.get(str(name))
                 hint = f"; {name} of other programs is {other}" if other in known else ""
                 raise InvalidArgument(
                     f"intrinsic {name!r}: camera model {self._model.name!r} has {', '.join(known)}{hint}"

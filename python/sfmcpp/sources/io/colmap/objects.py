@@ -11,6 +11,8 @@ from typing import Any
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
+from sfmcpp.model.camera_models import PINHOLE_MODELS
+from sfmcpp.sources.io.colmap.fisheye import is_fisheye
 from sfmcpp.sources.io.colmap.formats import read_colmap_binary, write_colmap_binary
 from sfmcpp.sources.io.views import UNREGISTERED
 
@@ -44,13 +46,24 @@ def from_pycolmap(reconstruction: Any) -> Problem:
         try:
             reconstruction.write_binary(str(folder))
         except (TypeError, ValueError, RuntimeError) as error:  # half-built, or the class itself
-            reason = str(error).partition("\n")[0]
-            raise InvalidArgument(f"reconstruction: pycolmap cannot write it: {reason}") from error
+            reason = _sensor_without_pose(reconstruction) or (
+                f"pycolmap cannot write it: {str(error).partition(chr(10))[0]}"
+            )
+            raise InvalidArgument(f"reconstruction: {reason}") from error
         problem = read_colmap_binary(folder)
     images = reconstruction.images
     if names := [images[key].name for key in sorted(images) if not images[key].has_pose]:
         problem.metadata.extra[UNREGISTERED] = names
     return problem
+
+
+def _sensor_without_pose(reconstruction: Any) -> str:
+    """Say which camera has no pose in its rig, of which pycolmap does not tell; empty if all have."""
+    for number, rig in getattr(reconstruction.rigs, "items", dict)():
+        for sensor, pose in rig.non_ref_sensors.items():
+            if pose is None:
+                return f"rig {number}: the pose of camera {sensor.id} in the rig is not known"
+    return ""
 
 
 @checked()
@@ -66,17 +79,20 @@ def to_pycolmap(problem: Problem) -> Any:
     -------
     pycolmap.Reconstruction
         Errors of points are computed from this state [px]. Masks, standard deviations and covariances are not
-        kept.
+        kept, nor is a camera's `has_prior_focal_length`, which COLMAP's files do not have.
 
     Raises
     ------
     ImportError
         If pycolmap is not installed.
     InvalidArgument
-        If no supported camera model of COLMAP holds the intrinsics, or no rig of COLMAP the sensors.
+        If no supported camera model of COLMAP holds the cameras, or no rig of COLMAP the sensors.
     """
     import pycolmap
 
+    if not (is_fisheye(problem) or problem.camera_model in PINHOLE_MODELS):
+        name = getattr(problem.camera_model, "name", problem.camera_model)
+        raise InvalidArgument(f"problem: no camera of COLMAP is one of camera model {name!r}")
     with _temporary_folder("problem") as folder:
         write_colmap_binary(problem, folder)
         return pycolmap.Reconstruction(str(folder))

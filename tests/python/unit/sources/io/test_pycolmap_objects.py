@@ -280,6 +280,26 @@ def test_reconstructions_that_are_half_built_are_refused() -> None:
             sfmcpp.from_pycolmap(made)
 
 
+def test_a_sensor_without_a_pose_is_named() -> None:
+    model = reconstruction(cameras_per_rig=3)
+    rig = model.rigs[min(model.rigs)]
+    rig.reset_sensor_from_rig(max(rig.non_ref_sensors, key=lambda sensor: sensor.id))
+    with pytest.raises(sfmcpp.InvalidArgument, match=r"^reconstruction: rig 1: the pose of camera 3 in the"):
+        sfmcpp.from_pycolmap(model)
+
+
+def test_cameras_that_colmap_has_not_are_refused_by_name() -> None:
+    problem = scene()
+    with pytest.raises(sfmcpp.InvalidArgument, match=r"^problem: no camera of COLMAP .* 'projective'"):
+        sfmcpp.to_pycolmap(sfmcpp.as_projective(problem))
+    model = sfmcpp.CameraFunction(lambda points, rows: points[:, :2], problem.intrinsic_names, name="own")
+    arrays = (problem.cameras, problem.intrinsics, problem.points)
+    seen = (problem.camera_index, problem.point_index, problem.pixels)
+    own = sfmcpp.Problem(model, *arrays, *seen, intrinsics_index=problem.intrinsics_index)
+    with pytest.raises(sfmcpp.InvalidArgument, match="'own'"):
+        sfmcpp.to_pycolmap(own)
+
+
 def test_what_no_file_of_colmap_can_hold_is_refused_by_name() -> None:
     problem = scene()
     problem.points[3, 1] = np.nan
