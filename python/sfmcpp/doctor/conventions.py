@@ -12,6 +12,7 @@ from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import adjusted
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import depths, reprojection_errors_px
+from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 
@@ -66,6 +67,14 @@ def _transposed(rotations: FloatArray) -> FloatArray:
 
 def _centres_of_translations(rotations: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(-np.einsum("cij,cj->ci", rotations, vectors))
+
+
+def _of_reordered_quaternions(rotations: FloatArray, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Poses whose quaternions of camera_from_world, read as w, x, y, z, were written as x, y, z, w."""
+    turned = _transposed(rotations)
+    translations = _centres_of_translations(turned, centres)
+    reordered = rotation_from_quaternion(quaternion_from_rotation(turned)[:, [3, 0, 1, 2]])
+    return _transposed(reordered), _centres_of_translations(_transposed(reordered), translations)
 
 
 def mirrored_y(problem: Problem) -> Problem:
@@ -146,6 +155,18 @@ CONVENTIONS = (
         "the last column holds the translations t of camera_from_world instead of centres",
         _with_poses(lambda r, c: (r, _centres_of_translations(r, c))),
         "set c ← −R t with R = world_from_camera",
+    ),
+    Convention(
+        "centres-for-translations",
+        "the centres were taken for translations t of camera_from_world",
+        _with_poses(lambda r, c: (r, _centres_of_translations(_transposed(r), c))),
+        "in the file, replace each centre c by t = −R c with R = camera_from_world",
+    ),
+    Convention(
+        "quaternions-xyzw",
+        "the quaternions of camera_from_world are in the order x, y, z, w instead of w, x, y, z",
+        _with_poses(_of_reordered_quaternions),
+        "in the file, put w first",
     ),
     Convention(
         "mirrored-world",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import ConstraintGroup, Problem, add_outliers
+from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.sources.synthetic.circle_and_sphere import UP, looking_at
 from sfmcpp.sources.synthetic.image_geometry import ImageGeometry
 from sfmcpp.sources.synthetic.observation import observe
@@ -132,6 +133,17 @@ def inverse_poses(p: Problem, rng: Random) -> Problem:
 
 def translations(p: Problem, rng: Random) -> Problem:
     return with_poses(p, p.rotations, -np.einsum("cji,cj->ci", p.rotations, p.centres))
+
+
+def centres_for_translations(p: Problem, rng: Random) -> Problem:
+    return with_poses(p, p.rotations, -np.einsum("cij,cj->ci", p.rotations, p.centres))
+
+
+def quaternions_xyzw(p: Problem, rng: Random) -> Problem:
+    turned = np.swapaxes(p.rotations, 1, 2)
+    vectors = np.einsum("cij,cj->ci", turned, p.centres)
+    wrong = rotation_from_quaternion(quaternion_from_rotation(turned)[:, [1, 2, 3, 0]])
+    return with_poses(p, np.swapaxes(wrong, 1, 2), np.einsum("cji,cj->ci", wrong, vectors))
 
 
 def fy_for_aspect(p: Problem, rng: Random) -> Problem:
@@ -319,6 +331,8 @@ FAULTS = (
     Fault("rotations transposed", ("transposed-rotations",),
           lambda p, rng: with_poses(p, np.swapaxes(p.rotations, 1, 2), p.centres)),
     Fault("translations for centres", ("translations-for-centres",), translations),
+    Fault("centres for translations", ("centres-for-translations",), centres_for_translations),
+    Fault("quaternions x y z w", ("quaternions-xyzw",), quaternions_xyzw),
     # On a circle seen from its plane, points turned over are images turned over.
     Fault("a left-handed world", ("mirrored-world", "mirrored-y"),
           lambda p, rng: replace(p, points=p.points * [1.0, 1.0, -1.0])),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from faults import halves
+from faults import centres_for_translations, halves, quaternions_xyzw
 from sfmcpp import (
     CameraFunction,
     ConstraintGroup,
@@ -97,6 +97,22 @@ def test_translations_that_are_all_alike_are_those_of_cameras_that_look_at_one_p
     assert diagnose(translations).codes[0] == "translations-for-centres"
     problem.rotations[:] = turned
     assert diagnose(problem).codes[0] == "inverse-poses"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "code"),
+    [
+        (centres_for_translations, "centres-for-translations"),
+        (quaternions_xyzw, "quaternions-xyzw"),
+    ],
+)
+@pytest.mark.parametrize("shape", ["circle", "photo-collection"])
+def test_poses_of_files_that_were_written_by_hand_are_told_before_outliers(
+    shape: str, wrong: Callable[..., Problem], code: str
+) -> None:
+    truth = sfmcpp.SCENES[shape](15, 300, camera_model="perspective", seed=11)
+    start = perturb(truth, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1, seed=11)
+    assert diagnose(wrong(start, np.random.default_rng(0))).codes[0] == code
 
 
 def test_errors_come_before_warnings_and_these_before_notes() -> None:
