@@ -109,7 +109,8 @@ def _duplicate_points(case: Case, pairs: list[tuple[int, int]]) -> Iterator[Find
             "warning" if share > _NOTABLE_SHARE else "note",
             f"{counted(len(pairs), 'point')} ({share:.1%}) with exactly the observations of another point, "
             f"which count twice: {pairs[0][1]} duplicates {pairs[0][0]}" + (f" ({ids})" if ids else ""),
-            "use --fix to drop the observations of the copies",
+            "few are usual, as detectors give some corners several orientations; use --fix to drop the "
+            "observations of the copies",
             named_points(case.problem, sorted(copied)),
             points=tuple(copied),
             measures={"share": share},

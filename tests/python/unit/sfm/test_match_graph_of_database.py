@@ -159,6 +159,7 @@ def test_what_is_not_used_is_said(tmp_path: Path) -> None:
     )
     (rigs,) = match_graph_of_database(path).warnings
     assert rigs.startswith("rigs of several cameras in the database (1) are not used")
+    assert "COLMAP cannot continue the model" in rigs
     change(path, "DELETE FROM rig_sensors")
     assert match_graph_of_database(path).warnings == []
 

@@ -204,7 +204,7 @@ class _Reader:
             if rigs:
                 yield (
                     f"rigs of several cameras in the database ({rigs}) are not used: every image has a pose "
-                    "of its own"
+                    "of its own, and COLMAP cannot continue the model with this database"
                 )
         if cartesian := len(list(self._priors(_CARTESIAN))):
             yield (
