@@ -83,7 +83,6 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: map_of_problem(scene()).transform([]), r"similarity = \[\]: must be a Similarity"),  # type: ignore[arg-type]
         (lambda: map_of_problem(scene()).seen_from([True] * 5, [10**9]), "points: must be from 0 to 29"),
         (lambda: map_of_problem(scene()).seen_from([0], [1]), "images: dtype int64 cannot be used as bool"),
-        (lambda: scene().set_free_intrinsics(["f", "k1"]), r"intrinsic \['f', 'k1'\]: camera model"),  # type: ignore[arg-type]
         (lambda: group(kind=[]), r"kind = \[\]: must be one of"),
         (lambda: group(name=3), "name.* = 3: must be text"),
         (lambda: group(loss=None), "loss.* = None: must be text"),
