@@ -13,7 +13,7 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
 from sfmcpp.ba.check import observations_without_image, with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
-from sfmcpp.ba.doubtful_input import warnings_about_calibration
+from sfmcpp.ba.doubtful_input import warnings_about_calibration, warnings_about_result
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -90,10 +90,13 @@ def adjust(
     summary = _summary(core, options)
     about_loss = loss_weight_warnings(arrays, summary)
     no_image = _warning_of_infinite_cost(problem, summary)
-    doubtful += warnings_about_calibration(problem, given)
+    calibration = warnings_about_calibration(problem, given)
+    unit = unit_of_residuals([has_own_sigmas(arrays)])
+    if unit == "px" and not calibration:  # which explains the result
+        calibration += warnings_about_result(problem, summary)
     about_input = with_ids_of_points(summary.warnings, problem)
-    warnings = [*about_input, *doubtful, *no_image, *about_loss, *checkpoints.warnings]
-    return replace(summary, warnings=warnings, rms_unit=unit_of_residuals([has_own_sigmas(arrays)]))
+    warnings = [*about_input, *doubtful, *calibration, *no_image, *about_loss, *checkpoints.warnings]
+    return replace(summary, warnings=warnings, rms_unit=unit)
 
 
 def adjust_on_ranks(

@@ -1,12 +1,14 @@
-"""Warnings of calibrations that cannot be right, though a solve may converge with them."""
+"""Warnings of calibrations and starts that cannot be right, though a solve may converge with them."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.ba.summary import Summary
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
@@ -15,6 +17,11 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 _MARGIN, _SHARE = 0.1, 0.3
 # So many observations, evenly spread, tell a share.
 _SAMPLE = 100_000
+# A start is no estimate if its RMS is above this, and above that of pixels about their mean, and no fit comes
+# of it.
+_FAR_PX, _NO_FIT = 20.0, 0.02
+# Real sets of good repute have up to 0.3 % of their observations behind a camera.
+_MANY_BEHIND = 0.01
 
 
 def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list[str]:
@@ -40,6 +47,40 @@ def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list
         if index.size and not 0 <= index.min() <= index.max() < end:
             return []  # changed by a callback since
     return [*_focal_lengths(problem, intrinsics), *_pixels(problem, intrinsics)]
+
+
+def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
+    """Refer to the doctor after a solve whose start, or end, no sound input explains.
+
+    Parameters
+    ----------
+    problem : Problem
+        As the solve has left it.
+    summary : Summary
+        Of that solve.
+
+    Yields
+    ------
+    str
+    """
+    if not isinstance(problem.camera_model, str) or not problem.is_metric:
+        return
+    scatter = _scatter_of_pixels(problem) if summary.initial_rms_px > _FAR_PX else math.inf
+    if scatter < summary.initial_rms_px < math.inf and summary.final_rms_px > _NO_FIT * scatter:
+        yield (
+            f"the start explains nothing: its RMS is {summary.initial_rms_px:.3g} px, that of the pixels "
+            f"about their mean {scatter:.3g} px; are poses and calibration those of these images, and in the "
+            "format's conventions? Run sfmcpp doctor"
+        )
+    elif summary.observations_behind_camera[1] > _MANY_BEHIND * problem.num_observations:
+        share = summary.observations_behind_camera[1] / problem.num_observations
+        yield f"{share:.1%} of the observations are behind their camera at the end; run sfmcpp doctor"
+
+
+def _scatter_of_pixels(problem: Problem) -> float:
+    """RMS of a coordinate of the pixels about their mean [px]."""
+    pixels = problem.pixels[:: max(problem.num_observations // _SAMPLE, 1)]
+    return float(np.sqrt(np.mean(np.var(pixels, axis=0))))
 
 
 def _focal_lengths(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:

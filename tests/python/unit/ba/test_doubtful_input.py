@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import sfmcpp
@@ -50,3 +52,31 @@ def test_focal_lengths_that_are_not_positive_are_named() -> None:
     (warning,) = warnings_of(problem)
     assert warning.startswith("the focal length of ")
     assert "cameras is not positive: f = -" in warning
+
+
+def doctor_warnings(problem: Problem, **options: Any) -> list[str]:
+    return [warning for warning in sfmcpp.solve(problem, **options).warnings if "doctor" in warning]
+
+
+def test_a_start_that_explains_nothing_is_sent_to_the_doctor() -> None:
+    truth = sfmcpp.circle_scene(12, 200, camera_model="perspective", pixel_sigma_px=1.0, seed=1)
+    truth.cameras[:, :, 3] += [3.0, 1.0, 0.0]  # its centres and translations are alike else
+    truth.points += [3.0, 1.0, 0.0]
+    turned = np.swapaxes(truth.rotations, 1, 2)
+    wrong = truth.copy()  # poses as camera_from_world
+    wrong.rotations[:] = turned
+    wrong.centres[:] = -np.einsum("cij,cj->ci", turned, truth.centres)
+    (warning,) = doctor_warnings(wrong, max_iterations=20)
+    assert warning.startswith("the start explains nothing: its RMS is ")
+    far = sfmcpp.perturb(truth, point_sigma_m=2, position_sigma_m=2, rotation_sigma_deg=10, seed=1)
+    summary = sfmcpp.solve(far)
+    assert summary.initial_rms_px > 100 > 1 > summary.final_rms_px
+    assert summary.warnings == []
+
+
+def test_a_solve_that_ends_with_many_points_behind_cameras_is_sent_to_the_doctor() -> None:
+    problem = scene()
+    problem.points[:20] += 2 * (problem.centres[0] - problem.points[:20])  # behind the first camera
+    problem = problem.with_observations((problem.camera_index == 0) | (problem.point_index >= 20))
+    (warning,) = doctor_warnings(problem, max_iterations=1)
+    assert warning.endswith("of the observations are behind their camera at the end; run sfmcpp doctor")
