@@ -304,7 +304,7 @@ class Summary:
             ),
             *((f"weight of {chosen.name!r}", chosen.describe()) for chosen in self.group_weights),
             (f"RMS [{self.rms_unit}]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
-            ("termination", f"{self.termination}: {self.message}"),
+            ("termination", f"{self.termination}: {self.message.removeprefix('interrupted; ')}"),
             ("iterations", f"{tried} ({accepted} accepted)"),
             ("method", f"{self.method}, line search {self.line_search}, point steps {self.point_steps}"),
             ("linear solver", f"{self.linear_solver}, {self.threads} thread{'s' * (self.threads != 1)}"),

@@ -266,6 +266,8 @@ def named_format(name: str) -> Format:
 
 def format_of(path: Path) -> Format:
     """Find the format that claims `path`, or a DatasetError that lists the known ones."""
+    if path.name in colmap.FILE_NAMES and path.is_file():
+        raise DatasetError(path, "is one file of a COLMAP model: give the folder that it is in")
     for candidate in FORMATS:
         if candidate.claims(path):
             return candidate

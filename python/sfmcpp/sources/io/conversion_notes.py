@@ -45,6 +45,8 @@ def changed_on_writing(problem: Problem, path: Path, format: Format) -> Iterator
             yield f"cameras of model {old} have become {new}, the smallest one with all that they need"
         if problem.metadata.image_sizes is None and "colmap_camera_sizes" not in problem.metadata.extra:
             yield "image sizes are not known: each is as large as its observations ask for"
+    if format.name == "colmap-text" and any(len(name.split()) > 1 for name in problem.metadata.image_names):
+        yield "COLMAP reads names of images with spaces wrongly from text, and right from binary files"
     if format.undistorts and has_distortion(problem):
         yield f"pixels are as cameras without distortion would have seen them: {format.name} has no other"
     if format.name == "nvm" and not has_square_pixels(problem):

@@ -218,6 +218,8 @@ BINARY = Format(
 )
 
 
+# Names of all files that a model may consist of.
+FILE_NAMES = frozenset((*text.FILES, *TEXT_FILES, *binary.FILES, *BINARY_FILES))
 ORIGIN = "sfmcpp_origin.json"
 
 

@@ -44,7 +44,7 @@ def trivial_rigs_in(
             found = None
     kinds = {sensor.kind for rig in found.rigs for sensor in rig.sensors} if found else set()
     if found is None or kinds != {CAMERA} or any(len(frame.data) != 1 for frame in found.frames):
-        reason = "the model that is there would be replaced, and this file contradict the new poses"
+        reason = "the model that is there would be replaced, and this file would contradict the new poses"
         raise DatasetError(there[-1], f"{reason}; write to another folder")
     return found
 

@@ -339,12 +339,13 @@ def test_damaged_binary_is_refused(tmp_path: Path, name: str, damage: object, re
     assert error.path == str(path)
 
 
-def test_an_unsupported_binary_camera_model_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "model"), [(6, "FULL_OPENCV"), (13, "DIVISION"), (17, "EQUIRECTANGULAR")])
+def test_an_unsupported_binary_camera_model_is_named(tmp_path: Path, number: int, model: str) -> None:
     write(read(small_model(tmp_path)), tmp_path / "new")
     path = tmp_path / "new" / "cameras.bin"
     data = path.read_bytes()
-    path.write_bytes(data[:12] + b"\6" + data[13:])
-    assert "camera model FULL_OPENCV is not supported" in str(refusal(tmp_path / "new"))
+    path.write_bytes(data[:12] + bytes([number]) + data[13:])
+    assert f"camera model {model} is not supported" in str(refusal(tmp_path / "new"))
 
 
 @pytest.mark.parametrize("format", FORMATS)

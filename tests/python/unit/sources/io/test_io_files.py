@@ -14,9 +14,9 @@ import pytest
 
 from io_helpers import assert_same_problem, random_problem, refusal
 from sfmcpp import DatasetError, InvalidArgument, Problem
-from sfmcpp.sources.io import convert, formats, read, write
+from sfmcpp.sources.io import colmap, convert, formats, read, write
 from sfmcpp.sources.io.atomic import atomic_files, atomic_folder
-from sfmcpp.sources.io.conversion_notes import amounts_in
+from sfmcpp.sources.io.conversion_notes import amounts_in, changed_on_writing
 
 COMPRESS = {".bz2": bz2.compress, ".gz": gzip.compress, ".xz": lzma.compress}
 CONTENT = b"1 1 1\n0 0 1 2\n" + b"1\n" * 12
@@ -145,6 +145,8 @@ def test_impossible_targets_are_refused(tmp_path: Path, problem: Problem, name: 
         ("pipe.txt", "is not a regular file"),
         ("x.unknown", "its name tells no format"),
         ("x.ply", "format ply can be written but not read"),
+        ("images.txt", "is one file of a COLMAP model: give the folder that it is in"),
+        ("points3D.bin", "is one file of a COLMAP model"),
         ("x" * 300, "file name too long"),
         ("nul\0.txt", "a path cannot hold a NUL"),
     ],
@@ -152,7 +154,7 @@ def test_impossible_targets_are_refused(tmp_path: Path, problem: Problem, name: 
 def test_impossible_sources_are_refused(tmp_path: Path, name: str, reason: str) -> None:
     for folder in ("folder", "folder.txt"):
         (tmp_path / folder).mkdir()
-    for file in ("x.unknown", "x.ply"):
+    for file in ("x.unknown", "x.ply", "images.txt", "points3D.bin"):
         (tmp_path / file).write_text("content")
     os.mkfifo(tmp_path / "pipe.txt")
     with pytest.raises(DatasetError, match=reason):
@@ -213,3 +215,14 @@ def test_every_readable_and_writable_format_passes_problems_on(tmp_path: Path, p
 def test_what_formats_lack_has_a_name_that_is_known() -> None:
     known = amounts_in(random_problem(0, "bal", {"f": 900}))
     assert {name for format in formats() for name in format.lacks} <= set(known)
+
+
+def test_names_that_colmap_cannot_read_from_text_are_told(problem: Problem, tmp_path: Path) -> None:
+    for names, format, told in (
+        (["b.jpg", "sub dir/a.jpg"], colmap.TEXT, True),
+        (["b.jpg", "sub dir/a.jpg"], colmap.BINARY, False),
+        (["b.jpg", "a.jpg"], colmap.TEXT, False),
+    ):
+        problem.metadata.image_names = names
+        notes = list(changed_on_writing(problem, tmp_path, format))
+        assert any("names of images with spaces" in note for note in notes) == told
