@@ -1,18 +1,20 @@
 """Focal lengths that the images of a model do not determine.
 
-Where all cameras look in nearly the same direction on nearly flat ground, as those of one strip of a flight
-do, a longer focal length and cameras as much farther away project to nearly the same pixels.
+Where all cameras look in nearly the same direction on nearly flat ground, as those of a flight straight
+down do, in any pattern and from any height, a longer focal length and cameras as much farther away project to
+nearly the same pixels. Positions of the images, known accurately, tell which it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from sfmcpp.map import Map
-from sfmcpp.model.arrays import IndexArray
-from sfmcpp.sfm.adjustment import hold_of_few_images
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.map import LocalProblem, Map
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.sfm.adjustment import FINE, adjust_all, hold_of_few_images
 from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -25,15 +27,103 @@ _HALF = 0.5
 _F = PERSPECTIVE.index("f")
 
 
-def undetermined_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> dict[int, float]:
-    """Find the cameras of a model whose focal length its images do not determine.
+def hold_undetermined_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> IndexArray:
+    """Hold the focal lengths that the images do not determine at those that are known.
+
+    What files or the user tell, and guesses where the estimate is no better, take the place of the estimates;
+    the model is to be adjusted again then.
 
     Parameters
     ----------
     world : Map
-        Adjusted. Whether its focal lengths are held does not matter.
+        Adjusted.
     cameras : Cameras
         What is estimated of each.
+    settings : IncrementalSettings
+        How many images a camera needs; those with fewer stay as they are.
+
+    Returns
+    -------
+    (k,) int32
+        Numbers of these cameras.
+    """
+    found = _undetermined_by_images(world, cameras, settings)
+    _hold(world, cameras, found)
+    return np.array(list(found), dtype=np.int32)
+
+
+def settle_focals_by_images(world: Map, cameras: Cameras, settings: IncrementalSettings) -> list[str]:
+    """:func:`settle_focals` of a model without positions; if the decision stands, it stays as it is.
+
+    Observations that were refined since it was made may determine more.
+    """
+    poses, points, intrinsics = world.poses.copy(), world.points.copy(), world.intrinsics.copy()
+    held = held_focals(world, cameras)
+
+    def adjust() -> dict[int, float]:
+        if held.any() or held_focals(world, cameras).any():
+            adjust_all(world, settings, **FINE)
+        return _undetermined_by_images(world, cameras, settings)
+
+    warnings = settle_focals(world, cameras, adjust)
+    if held.any() and (held_focals(world, cameras) == held).all():
+        world.poses[:], world.points[:], world.intrinsics[:] = poses, points, intrinsics
+    return warnings
+
+
+def settle_focals(
+    world: Map, cameras: Cameras, adjust: Callable[[], dict[int, float]], told_by: str = "the images do"
+) -> list[str]:
+    """Decide which focal lengths of a finished model are held, and warn of those that nothing determines.
+
+    One test for both: those that were held are freed, and held again only where it still says so.
+
+    Parameters
+    ----------
+    world : Map
+        It is adjusted.
+    cameras : Cameras
+        What is estimated of each.
+    adjust : callable
+        Adjusts the model with what is free in it, and tells σ over focal length of each camera whose focal
+        length is not determined, as :func:`undetermined_focals`.
+    told_by : str
+        What does not determine them.
+
+    Returns
+    -------
+    list of str
+        A sentence at most.
+    """
+    held = held_focals(world, cameras)
+    world.fixed_intrinsics[held, _F] = False
+    try:
+        found = adjust()
+    except (InvalidArgument, KeyboardInterrupt):
+        world.fixed_intrinsics[held, _F] = True
+        raise
+    if found and cameras.model_is_open:
+        _hold(world, cameras, found)
+        adjust()
+    return _warnings(world, found, told_by)
+
+
+def held_focals(world: Map, cameras: Cameras) -> BoolArray:
+    """(G,) of which cameras the focal length is held though nobody asked for that."""
+    return np.asarray(world.fixed_intrinsics[:, _F] & ~cameras.fixed[:, _F])
+
+
+def undetermined_focals(
+    local: LocalProblem, sigmas: FloatArray | None, settings: IncrementalSettings
+) -> dict[int, float]:
+    """Find the cameras of an adjusted problem whose focal length is not determined.
+
+    Parameters
+    ----------
+    local : LocalProblem
+        With G cameras.
+    sigmas : (G, n) float64 or None
+        Standard deviations of their intrinsics; None where they are not known.
     settings : IncrementalSettings
         How many images a camera needs; of those with fewer, nothing is said.
 
@@ -42,57 +132,40 @@ def undetermined_focals(world: Map, cameras: Cameras, settings: IncrementalSetti
     dict of int to float
         σ over focal length by the number of the camera.
     """
-    local = world.whole_problem(2)
-    local.problem.fixed_intrinsics[:, _F] = cameras.fixed[local.cameras, _F]
-    if local.problem.fixed_intrinsics[:, _F].all():
-        return {}
-    few = hold_of_few_images(local.problem, settings)
-    sigmas = sigmas_of_intrinsics(local.problem)
     if sigmas is None:
         return {}
+    few = hold_of_few_images(local.problem, settings)
     shares = sigmas[:, _F] / local.problem.intrinsics[:, _F]
     rows = np.flatnonzero((shares > _LEAST_SHARE) & ~few)
     return {int(local.cameras[row]): float(shares[row]) for row in rows}
 
 
-def hold_undetermined_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> IndexArray:
-    """Hold the focal lengths that the images do not determine at those that are known.
+def _undetermined_by_images(world: Map, cameras: Cameras, settings: IncrementalSettings) -> dict[int, float]:
+    local = world.whole_problem(2)
+    local.problem.fixed_intrinsics[:, _F] = cameras.fixed[local.cameras, _F]
+    if local.problem.fixed_intrinsics[:, _F].all():
+        return {}
+    hold_of_few_images(local.problem, settings)
+    return undetermined_focals(local, sigmas_of_intrinsics(local.problem), settings)
 
-    What files or the user tell, and guesses where the estimate is no better, take the place of the estimates;
-    the model is to be adjusted again then.
 
-    Returns
-    -------
-    (k,) int32
-        Numbers of these cameras.
-    """
-    found = undetermined_focals(world, cameras, settings)
+def _hold(world: Map, cameras: Cameras, found: dict[int, float]) -> None:
     for camera, share in found.items():
         if not cameras.guessed[camera] or share > _HALF:
             world.intrinsics[camera] = cameras.intrinsics[camera]
         world.fixed_intrinsics[camera, _F] = True
-    return np.array(list(found), dtype=np.int32)
 
 
-def undetermined_focal_warnings(
-    models: Sequence[Map], cameras: Cameras, settings: IncrementalSettings
-) -> list[str]:
-    """Warn of focal lengths that the images do not determine, a sentence for each model that has some."""
-    warnings = []
-    for world in models:
-        found = undetermined_focals(world, cameras, settings)
-        if found:
-            worst = max(found, key=found.__getitem__)
-            warnings.append(_warning(world, worst, found[worst], len(found)))
-    return warnings
-
-
-def _warning(world: Map, camera: int, share: float, count: int) -> str:
-    of = "the focal length" if count == 1 else f"{count} focal lengths"
-    images = np.flatnonzero(world.registered & (world.image_cameras == camera))
-    held = "held at" if world.fixed_intrinsics[camera, _F] else "estimated as"
-    return (
-        f"the images do not determine {of} (σ {share:.0%}, camera of {world.image_names[images[0]]}, {held} "
-        f"{world.intrinsics[camera, _F]:.0f} px): heights and depths are wrong by about the same factor; "
-        "give a calibrated camera (--camera K.txt), or add photos from other heights or directions"
-    )
+def _warnings(world: Map, found: dict[int, float], told_by: str) -> list[str]:
+    if not found:
+        return []
+    worst = max(found, key=found.__getitem__)
+    of = "the focal length" if len(found) == 1 else f"{len(found)} focal lengths"
+    images = np.flatnonzero(world.registered & (world.image_cameras == worst))
+    held = "held at" if world.fixed_intrinsics[worst, _F] else "estimated as"
+    name = world.image_names[images[0]]
+    return [
+        f"{told_by} not determine {of} (σ {found[worst]:.0%}, camera of {name}, {held} "
+        f"{world.intrinsics[worst, _F]:.0f} px): heights and depths may be wrong by as much; give a "
+        "calibrated camera (--camera K.txt) or accurate positions (--gps), or add oblique photos"
+    ]

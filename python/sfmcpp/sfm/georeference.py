@@ -25,6 +25,7 @@ from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE
+from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
 from sfmcpp.sfm.position_checks import (
     evidence_of_shifted_rows,
     evidence_of_swapped_axes,
@@ -266,7 +267,7 @@ def _georeferenced(
         *(_UNCHECKED.format(names[image]) for image in images[alone]),
         *_disagreement_warning([names[image] for image in images[~good]], len(images), shifted),
     ]
-    judged, sigmas_m = _centre_sigmas_m(problem, group, options)
+    judged, sigmas_m, intrinsics_sigmas = _sigmas_of_result(problem, group, options)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
         accuracy_m=float(np.sqrt(np.mean(sigmas_m**2))),
@@ -277,6 +278,7 @@ def _georeferenced(
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
         sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
         warnings=warnings,
+        intrinsics_sigmas=intrinsics_sigmas,
     )
     outcome.world_origin.put_into(problem.metadata)
     return Georeferenced(outcome, group)
@@ -355,15 +357,20 @@ def _adjust(
     return group, chosen.sensor_sigma
 
 
-def _centre_sigmas_m(
+def _sigmas_of_result(
     problem: Problem, group: ConstraintGroup, options: dict[str, Any]
-) -> tuple[NDArray[np.int32], FloatArray]:
-    """Images all along, and the standard deviations (n, 3) of their centres in the world [m]."""
+) -> tuple[NDArray[np.int32], FloatArray, FloatArray | None]:
+    """Images all along, σ of their centres (n, 3) [m], and of intrinsics (G, k) unless too many."""
     model = _linear_model(problem, [group], options)
-    count = problem.num_cameras
-    judged = np.unique(np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32))
-    variances = [np.diag(block)[3:6] for block in model.covariance(cameras=judged).cameras]
-    return judged, np.sqrt(np.array(variances) * _pixel_variance(model))
+    count, examples = problem.num_cameras, an_image_of_each(problem)
+    spread = np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32)
+    judged = np.union1d(spread, examples).astype(np.int32) if len(examples) <= _JUDGED else spread
+    covariances = model.covariance(cameras=judged).cameras * _pixel_variance(model)
+    intrinsics = None
+    if len(examples) <= _JUDGED:
+        of_examples = covariances[np.searchsorted(judged, examples)]
+        intrinsics = intrinsics_sigmas_of(problem, model, of_examples)
+    return judged, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[:, 3:6]), intrinsics
 
 
 def _linear_model(problem: Problem, groups: list[ConstraintGroup], options: dict[str, Any]) -> LinearModel:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.ba import linearize, residuals
+from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem, camera_model
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 
 # Above these, they would take longer than all that is told beside them.
 _MOST_IMAGES = 150
@@ -33,21 +34,41 @@ def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:
     count = problem.num_observations
     if not (2 <= problem.num_cameras <= _MOST_IMAGES and 0 < count <= _MOST_OBSERVATIONS):
         return None
-    places = [int(np.argmax(problem.intrinsics_index == row)) for row in range(len(problem.intrinsics))]
     try:
         model = linearize(problem, gauge="fixed")
-        covariances = model.covariance(cameras=places).cameras
+        covariances = model.covariance(cameras=an_image_of_each(problem)).cameras
     except InvalidArgument:  # something that nothing determines
         return None
     redundancy = 2 * count - model.num_columns
     if redundancy <= 0:
         return None
     variance = float((residuals(problem) ** 2).sum()) / redundancy
-    roots = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2) * variance, 0.0))
+    return intrinsics_sigmas_of(problem, model, covariances * variance)
+
+
+def an_image_of_each(problem: Problem) -> IndexArray:
+    """First image of each row of intrinsics that has some."""
+    return np.unique(problem.intrinsics_index, return_index=True)[1].astype(np.int32)
+
+
+def intrinsics_sigmas_of(problem: Problem, model: LinearModel, covariances: FloatArray) -> FloatArray:
+    """Standard deviations (G, n) of the intrinsics, 0 for those that are fixed.
+
+    Parameters
+    ----------
+    problem : Problem
+        With G rows of intrinsics.
+    model : LinearModel
+        Of the problem.
+    covariances : (g, d, d) float64
+        Of the parameters of :func:`an_image_of_each` of them.
+    """
+    roots = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
+    rows = np.unique(problem.intrinsics_index)
     columns = {name: column for column, name in enumerate(model.parameter_names)}
     found = np.zeros(problem.intrinsics.shape)
     for k, name in enumerate(camera_model(problem.camera_model).intrinsics):
         if name in columns:
-            found[:, k] = roots[:, columns[name]]
+            found[rows, k] = roots[:, columns[name]]
     found[problem.fixed_intrinsics] = 0.0
     return found

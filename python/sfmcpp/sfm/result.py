@@ -63,6 +63,9 @@ class GpsOutcome:
         images, of 300 all along.
     warnings : list of str
         What may be wrong with the positions as a whole, in sentences.
+    intrinsics_sigmas : (G, n) float64 or None
+        Standard deviations of the intrinsics in the adjustment with the positions, in their units; 0 for
+        those that are held.
     """
 
     sigma_m: float
@@ -74,6 +77,7 @@ class GpsOutcome:
     stated_sigma_m: float | None = None
     sigmas_m: dict[str, FloatArray] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    intrinsics_sigmas: FloatArray | None = None
 
     def __repr__(self) -> str:
         accuracy = f"σ {self.sigma_m:.3g} m, the model within {self.accuracy_m:.3g} m"
@@ -88,7 +92,8 @@ class GpsOutcome:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""
-        return {**vars(self), "origin": self.world_origin.to_dict()}
+        known = {name: value for name, value in vars(self).items() if name != "intrinsics_sigmas"}
+        return known | {"origin": self.world_origin.to_dict()}
 
 
 @dataclass(eq=False)

@@ -24,7 +24,7 @@ from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cameras, parse_camera_argument
 from sfmcpp.sfm.database_cameras import as_in_database
-from sfmcpp.sfm.focal_lengths import undetermined_focal_warnings
+from sfmcpp.sfm.focal_lengths import settle_focals, settle_focals_by_images, undetermined_focals
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.held_cameras import held_camera_warnings
@@ -195,7 +195,8 @@ def reconstruct(
     found.interrupted |= refined.interrupted
     if positions is not None and found.model is not None:
         with run.timed("positions"):
-            _georeference(found, positions, run, needed=gps != "auto")
+            _georeference(found, positions, scene.cameras, run, needed=gps != "auto")
+    _settle_focals(found, scene.cameras, run)
     return found
 
 
@@ -316,18 +317,36 @@ def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModel
     return method(scene, run.settings, lambda done: run.progress("mapping", done, total))
 
 
-def _georeference(found: SfmRun, positions: Positions, run: _Run, *, needed: bool) -> None:
-    """Georeference the largest model; positions that were not asked for may prove useless."""
+def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _Run, *, needed: bool) -> None:
+    """Georeference the largest model; positions that were not asked for may prove useless.
+
+    They count in what determines focal lengths.
+    """
     world = found.models[0]
-    try:
+
+    def adjust() -> dict[int, float]:
         found.gps = georeference_map(world, positions, run.settings)
+        return undetermined_focals(world.whole_problem(2), found.gps.intrinsics_sigmas, run.settings)
+
+    try:
+        warnings = settle_focals(world, cameras, adjust, "images and positions do")
     except InvalidArgument as error:
         if needed:
             raise
+        found.gps = None
         found.warnings.append(f"positions that the files tell are not used: {error}")
         return
     world.update_errors()
-    found.warnings += found.gps.warnings
+    found.warnings += [*warnings, *(found.gps.warnings if found.gps else [])]
+
+
+def _settle_focals(found: SfmRun, cameras: Cameras, run: _Run) -> None:
+    """Decide anew on focal lengths of the models that no position tells anything of."""
+    if found.interrupted:
+        return
+    for world in found.models[0 if found.gps is None else 1 :]:
+        found.warnings += settle_focals_by_images(world, cameras, run.settings)
+        world.update_errors()
 
 
 def _finished_run(
@@ -349,7 +368,6 @@ def _finished_run(
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
             *held_camera_warnings(grown.models, scene.cameras),
-            *undetermined_focal_warnings(grown.models, scene.cameras, run.settings),
         ],
         interrupted=grown.interrupted,
     )

@@ -49,10 +49,13 @@ class ModelMeasures:
     ----------
     world : Map
         It is not changed; figures are those of its present state.
+    intrinsics_sigmas : (G, n) float64, optional
+        Standard deviations of the intrinsics of its cameras, where more than the images tells them.
     """
 
-    def __init__(self, world: Map) -> None:
+    def __init__(self, world: Map, intrinsics_sigmas: FloatArray | None = None) -> None:
         self.world = world
+        self._intrinsics_sigmas = intrinsics_sigmas
         self._local = world.whole_problem(min_views=2)
 
     @property
@@ -176,7 +179,9 @@ class ModelMeasures:
     def sigmas(self) -> dict[int, dict[str, float]]:
         """Standard deviations of the free intrinsics of each camera; none for a large model."""
         local = self._local
-        found = sigmas_of_intrinsics(local.problem)
+        found = self._intrinsics_sigmas
+        if found is None:
+            found = sigmas_of_intrinsics(local.problem)
         if found is None:
             return {}
         names = camera_model(self.world.camera_model).intrinsics

@@ -48,7 +48,9 @@ class SfmReport(ReportTable):
     @cached_property
     def measures(self) -> list[ModelMeasures]:
         """Figures of each model."""
-        return [ModelMeasures(world) for world in self.run.models]
+        sigmas = None if self.run.gps is None else self.run.gps.intrinsics_sigmas
+        models = self.run.models
+        return [ModelMeasures(world, None if number else sigmas) for number, world in enumerate(models)]
 
     @property
     def title(self) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,9 @@ from sfm_scenes import match_graph
 from sfmcpp.ba import residuals_px
 from sfmcpp.model import Problem
 from sfmcpp.sfm import SfmRun, reconstruct
+from sfmcpp.sfm.cameras import parse_camera_argument
+from sfmcpp.sfm.focal_lengths import settle_focals_by_images
+from sfmcpp.sfm.settings import IncrementalSettings
 
 TOLD = 0.9  # of the true one
 
@@ -24,13 +29,32 @@ def strip() -> Problem:
     return truth
 
 
-def run_of(truth: Problem, **options: str) -> SfmRun:
+def block() -> Problem:
+    """Two strips in two heights, straight down, over nearly flat ground."""
+    random = np.random.default_rng(3)
+    places = np.array([[12.0 * step, 15.0 * row] for row in (0, 1) for step in range(5)])
+    truth = flight(places + random.normal(0, 0.5, places.shape), seed=5)
+    truth.points[:, 2] *= 0.05
+    truth.cameras[5:, 2, 3] += 8.0
+    truth.pixels[:] -= residuals_px(truth)
+    return truth
+
+
+def run_of(truth: Problem, gps: str | Path = "none", **options: str) -> SfmRun:
     graph = match_graph(truth, sigma_px=0.3, reach=2)
-    return reconstruct(graph, camera=TOLD * truth.intrinsics[0, 0], subpixel=False, gps="none", **options)  # type: ignore[arg-type]
+    return reconstruct(graph, camera=TOLD * truth.intrinsics[0, 0], subpixel=False, gps=gps, **options)  # type: ignore[arg-type]
+
+
+def table_of(path: Path, truth: Problem, names: list[str], sigma_m: float) -> Path:
+    """Positions with errors, as a file of them."""
+    rows = truth.centres + np.random.default_rng(8).normal(0, sigma_m, truth.centres.shape)
+    cells = (f"{name},{x},{y},{z}" for name, (x, y, z) in zip(names, rows.tolist(), strict=True))
+    path.write_text("\n".join(["name,x,y,z", *cells]))
+    return path
 
 
 def warnings_of_focals(run: SfmRun) -> list[str]:
-    return [text for text in run.warnings if "do not determine the focal length" in text]
+    return [text for text in run.warnings if "not determine the focal length" in text]
 
 
 def test_one_strip_leaves_the_focal_length_where_it_was_told() -> None:
@@ -51,6 +75,47 @@ def test_a_model_that_was_asked_for_is_estimated_and_warned_of(model: str) -> No
     assert run.model.intrinsics[0, 0] != 450
     (warning,) = warnings_of_focals(run)
     assert "estimated as" in warning
+
+
+def test_positions_determine_what_the_images_do_not(tmp_path: Path) -> None:
+    truth = block()
+    names = [photo.name for photo in match_graph(truth, sigma_px=0.3, reach=2).photos]
+    alone = run_of(truth)
+    assert alone.model is not None
+    assert alone.model.intrinsics[0, 0] == 450
+    assert len(warnings_of_focals(alone)) == 1
+    run = run_of(truth, gps=table_of(tmp_path / "rtk.csv", truth, names, 0.02))
+    assert run.model is not None
+    assert not warnings_of_focals(run)
+    assert run.model.intrinsics[0, 0] == pytest.approx(500, rel=0.02)
+    assert run.gps is not None
+    assert run.gps.intrinsics_sigmas is not None
+    assert 0 < run.gps.intrinsics_sigmas[0, 0] < 10
+
+
+@pytest.mark.parametrize(("model", "held"), [("auto", "held at 450 px"), ("simple-radial", "estimated as")])
+def test_positions_too_rough_for_it_do_not(tmp_path: Path, model: str, held: str) -> None:
+    truth = block()
+    names = [photo.name for photo in match_graph(truth, sigma_px=0.3, reach=2).photos]
+    run = run_of(truth, gps=table_of(tmp_path / "gps.csv", truth, names, 5.0), camera_model=model)
+    (warning,) = warnings_of_focals(run)
+    assert warning.startswith("images and positions do not determine the focal length")
+    assert held in warning
+    assert run.model is not None
+    assert f"{run.model.intrinsics[0, 0]:.0f} px" in warning  # the value of the result
+
+
+def test_a_focal_length_is_freed_again_where_it_turns_out_to_be_determined() -> None:
+    """As where the observations were refined since it was held."""
+    truth = sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4)
+    graph = match_graph(truth, sigma_px=0.3, reach=2)
+    run = reconstruct(graph, camera=1000.0, subpixel=False, gps="none")
+    assert run.model is not None
+    cameras = parse_camera_argument(1000.0).cameras(graph.photos, sharing="auto", model="auto")
+    run.model.intrinsics[0, 0], run.model.fixed_intrinsics[0, 0] = 900.0, True
+    assert not settle_focals_by_images(run.model, cameras, IncrementalSettings())
+    assert run.model.intrinsics[0, 0] == pytest.approx(1000, rel=0.01)
+    assert not run.model.fixed_intrinsics[0, 0]
 
 
 def test_views_from_all_sides_determine_it() -> None:
