@@ -107,7 +107,10 @@ def write_camera_positions(path: Path, problem: Problem, gps: GpsOutcome | None)
     DatasetError
         If the file cannot be written, or cannot hold them.
     """
-    given = None if gps is None else GivenPositions(gps.residuals_m, gps.outliers)
+    given = None
+    if gps is not None:
+        offsets = {name: (x, y, z) for name, (x, y, z) in ((n, o.tolist()) for n, o in gps.offsets_m.items())}
+        given = GivenPositions(gps.residuals_m, gps.outliers, offsets)
     write_positions(path, _camera_positions(problem, gps), given)
 
 

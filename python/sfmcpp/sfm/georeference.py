@@ -27,10 +27,13 @@ from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE
 from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
 from sfmcpp.sfm.position_checks import (
-    evidence_of_shifted_rows,
-    evidence_of_swapped_axes,
+    NO_FIX,
+    UNCHECKED,
+    deviation_warning,
+    disagreement_warning,
     unchecked_positions,
     undecidable_positions,
+    warnings_of_all,
 )
 from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
@@ -47,34 +50,10 @@ if TYPE_CHECKING:
 # Centres lie on a line where their second spread is below this part of their first.
 _LINE = 0.01
 _ROUNDS = 8
-# Positions that a warning names, at most.
-_NAMED = 5
 # Cameras whose covariance tells the accuracy of all, at most.
 _JUDGED = 300
 # What of the options of a solve a linear model takes.
 _LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
-
-_UNCHECKED = (
-    "the alignment of the model, such as its roll about the line of the other positions, depends on the "
-    "position of {} alone: the others cannot verify it"
-)
-# So many positions, and so great a part of all, seldom lie each by itself.
-_MANY_LIES, _GREAT_PART = 3, 0.25
-_DOUBTFUL = (
-    "of {} that is more than lie by themselves: do not trust where the model is before it is known why (rows "
-    "of other images, wrong axes, another datum, a bent model)"
-)
-# No receiver is wrong about itself by such a factor where its unit is right.
-_OTHER_UNIT = 5.0
-_WRONG_SIGMA = (
-    "the positions scatter by {:.3g} m where {:.3g} m is stated: check the unit of the stated σ, and, if "
-    "they scatter more, times, lever arm and calibration (of stated σ only the ratios count)"
-)
-_NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
-_SWAPPED = {
-    True: "latitude and longitude of the positions may be swapped",
-    False: "x and y of the positions may be swapped (x is east, y north), or z is not up",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,6 +224,7 @@ def _georeferenced(
     good = agreeing_pairs(problem.centres[images], metres, seed=seed)
     good |= undecidable_positions(problem.centres[images], metres, weights, good)
     for _ in range(_ROUNDS):
+        used = good
         _require_not_collinear(metres[good], [names[image] for image in images[~good]])
         # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
         placed = _fitted_similarity(problem.centres[images[good]], metres[good], weights[good])
@@ -260,14 +240,15 @@ def _georeferenced(
         good = agrees
     distances = np.linalg.norm(apart, axis=1)
     alone = good & unchecked_positions(problem.centres[images], weights, good)
-    shifted = evidence_of_shifted_rows(problem.centres[images], metres, seed=seed)
+    model = _linear_model(problem, [group], options)
     warnings = [
-        *(_NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
-        *_warnings_of_all(problem, images, stated, sigma_m, seed),
-        *(_UNCHECKED.format(names[image]) for image in images[alone]),
-        *_disagreement_warning([names[image] for image in images[~good]], len(images), shifted),
+        *(NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
+        *warnings_of_all(problem.cameras, problem.centres[images], stated, sigma_m, seed),
+        *(UNCHECKED.format(names[image]) for image in images[alone]),
+        *disagreement_warning([names[image] for image in images[~good]], len(images)),
+        *deviation_warning(model, apart[used], weights[used], [names[image] for image in images[used]]),
     ]
-    judged, sigmas_m, intrinsics_sigmas = _sigmas_of_result(problem, group, options)
+    judged, sigmas_m, intrinsics_sigmas = _sigmas_of_result(problem, model)
     outcome = GpsOutcome(
         sigma_m=sigma_m,
         accuracy_m=float(np.sqrt(np.mean(sigmas_m**2))),
@@ -276,41 +257,13 @@ def _georeferenced(
         geodetic=positions.geodetic,
         stated_sigma_m=stated.stated_sigma_m,
         residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
+        offsets_m={names[image]: offset for image, offset in zip(images, apart, strict=True)},
         sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
         warnings=warnings,
         intrinsics_sigmas=intrinsics_sigmas,
     )
     outcome.world_origin.put_into(problem.metadata)
     return Georeferenced(outcome, group)
-
-
-def _warnings_of_all(
-    problem: Problem,
-    images: NDArray[np.intp],
-    positions: Positions,
-    sigma_m: float,
-    seed: int,
-) -> list[str]:
-    """What is wrong with the positions of `images` as a whole."""
-    centres, metres = problem.centres[images], positions.metres
-    warnings = []
-    if swapped := evidence_of_swapped_axes(problem.cameras, centres, metres, seed=seed):
-        warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
-    stated_m = positions.stated_sigma_m
-    if stated_m is not None and abs(np.log(sigma_m / stated_m)) > np.log(_OTHER_UNIT):
-        warnings.append(_WRONG_SIGMA.format(sigma_m, stated_m))
-    return warnings
-
-
-def _disagreement_warning(lies: list[str], count: int, shifted: str) -> list[str]:
-    if not lies:
-        return []
-    count_text = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
-    names = f"{', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"
-    doubt = ""
-    if len(lies) >= _MANY_LIES and len(lies) > _GREAT_PART * count:
-        doubt = f"; {_DOUBTFUL.format(count)}{f'; {shifted}' * bool(shifted)}"
-    return [f"{count_text} with the images: left out {names}{doubt}"]
 
 
 def _require_enough(metres: FloatArray) -> None:
@@ -358,10 +311,9 @@ def _adjust(
 
 
 def _sigmas_of_result(
-    problem: Problem, group: ConstraintGroup, options: dict[str, Any]
+    problem: Problem, model: LinearModel
 ) -> tuple[NDArray[np.int32], FloatArray, FloatArray | None]:
     """Images all along, σ of their centres (n, 3) [m], and of intrinsics (G, k) unless too many."""
-    model = _linear_model(problem, [group], options)
     count, examples = problem.num_cameras, an_image_of_each(problem)
     spread = np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32)
     judged = np.union1d(spread, examples).astype(np.int32) if len(examples) <= _JUDGED else spread

@@ -1,4 +1,4 @@
-"""Checks of positions of images: redundancy, undecidable positions, swapped axes.
+"""Checks of positions of images: redundancy, undecidable positions, single wrong ones, swapped axes.
 
 How far the others check a coordinate is its redundancy number (W. Förstner and B. Wrobel, "Photogrammetric
 Computer Vision", 2016): the part of an error in it that is left in its residual once a similarity is
@@ -12,13 +12,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sfm.positions import Positions
+from sfmcpp.weighting.conflict import LIE_SIGMAS
 
 # Below it a coordinate counts as not checked; Förstner's usual bound.
 _LEAST_REDUNDANCY = 0.1
+# Of fewer numbers that the fit does not use up, no scatter is known.
+_LEAST_FREE = 5.0
 # What no similarity explains of a position, in parts of its distance from the others, makes it a lie.
 _UNEXPLAINED = 0.1
 # Of fewer pairs, honest ones of 1 m in a flat scene fit a mirrored model as well by chance.
@@ -28,6 +33,36 @@ _MOST = 0.9
 # Mean height of a direction of unit length over all cameras: of what is up in images, and of where they look.
 _HEADS_DOWN, _TO_THE_SKY = -0.3, 0.8
 _MIRROR = np.array([1.0, 1.0, -1.0])
+# Positions that a warning names at most, and of which single ones are judged at most.
+_NAMED, _MOST_NAMES = 5, 300
+UNCHECKED = (
+    "the alignment of the model, such as its roll about the line of the other positions, depends on the "
+    "position of {} alone: the others cannot verify it"
+)
+# So many positions, and so great a part of all, seldom lie each by itself.
+_MANY_LIES, _GREAT_PART = 3, 0.25
+_DOUBTFUL = (
+    "of {} that is more than lie by themselves: do not trust where the model is before it is known why (rows "
+    "of other images, wrong axes, another datum, a bent model, a wrong principal "
+    "point)"
+)
+# No receiver is wrong about itself by such a factor where its unit is right.
+_OTHER_UNIT = 5.0
+# Honest positions never scatter by such a factor more than stated where there are enough of them.
+_MUCH_SCATTER, _ENOUGH_FOR_SCATTER = 2.0, 10
+_WRONG_SIGMA = (
+    "the positions scatter by {:.3g} m where {:.3g} m is stated: check the unit of the stated σ, and, if "
+    "they scatter more, times, lever arm and calibration (of stated σ only the ratios count)"
+)
+_DEVIATES = (
+    "the position of {} is {:.3g} m from its image, {:.1f} standard deviations of what is left there: it is "
+    "kept, but probably wrong, and the model follows it"
+)
+NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
+_SWAPPED = {
+    True: "latitude and longitude of the positions may be swapped",
+    False: "x and y of the positions may be swapped (x is east, y north), or z is not up",
+}
 
 
 def unchecked_positions(centres: FloatArray, weights: FloatArray, trusted: BoolArray) -> BoolArray:
@@ -90,6 +125,40 @@ def _fits_after_move(centres: FloatArray, metres: FloatArray, trusted: BoolArray
     left = np.linalg.norm(placed.apply(centres[image]) - metres[image])
     lever = np.linalg.norm(metres[image] - metres[trusted].mean(axis=0))
     return bool(left <= _UNEXPLAINED * lever)
+
+
+def worst_deviation(apart: FloatArray, weights: FloatArray, hat: FloatArray) -> tuple[int, float]:
+    """Find the position whose residual is least likely beside all others (data snooping, Baarda 1968).
+
+    A residual is compared with its own standard deviation, not with that of the position: the model follows
+    a wrong position, and the less the others hold it, the more. The scale is that of the others
+    along the same axis: no wrong position hides behind itself, and heights are worse than the rest.
+
+    Parameters
+    ----------
+    apart : (n, 3) float64
+        Adjusted centres minus positions.
+    weights : (n, 3) float64
+        Of the coordinates of the positions.
+    hat : (3n, 3n) float64
+        Hat matrix of the positions in the adjustment.
+
+    Returns
+    -------
+    int, float
+        Its number, and the deviation as a number of standard normal deviates, whatever the redundancy.
+    """
+    redundancies = np.clip(1 - np.diag(hat), 0.0, 1.0).reshape(apart.shape)
+    free = redundancies.sum(axis=0) - 1
+    if (free < _LEAST_FREE).any():
+        return 0, 0.0
+    squared = weights * apart**2
+    parts = squared / np.maximum(redundancies, _LEAST_REDUNDANCY) / squared.sum(axis=0)
+    students = free * parts / np.maximum(1 - parts, 1e-12)
+    # Wallace's approximation of normal deviates by Student's.
+    normal = np.sqrt(free * np.log1p(students / free)) * (8 * free + 1) / (8 * free + 3)
+    worst = int(np.argmax(normal.max(axis=1)))
+    return worst, float(normal[worst].max())
 
 
 def evidence_of_swapped_axes(poses: FloatArray, centres: FloatArray, metres: FloatArray, *, seed: int) -> str:
@@ -167,3 +236,59 @@ def _distances(centres: FloatArray, metres: FloatArray, seed: int) -> FloatArray
     except InvalidArgument:  # on a line: there is no other hand
         return np.full(len(centres), np.inf)
     return np.asarray(np.linalg.norm(placed.apply(centres) - metres, axis=1))
+
+
+def warnings_of_all(
+    poses: FloatArray, centres: FloatArray, positions: Positions, sigma_m: float, seed: int
+) -> list[str]:
+    """Warn of what is wrong with positions as a whole.
+
+    Parameters
+    ----------
+    poses : (C, 3, 4) float64
+        All cameras ``[R | c]`` world_from_camera in the world of the positions.
+    centres : (n, 3) float64
+        Of those that have `positions`.
+    positions : Positions
+        As stated.
+    sigma_m : float
+        How they scatter, one coordinate [m].
+    seed : int
+        Of the search for those that agree.
+    """
+    metres = positions.metres
+    warnings = []
+    if swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed):
+        warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
+    if shifted := evidence_of_shifted_rows(centres, metres, seed=seed):
+        warnings.append(f"rows of the positions are those of other images: {shifted}")
+    stated_m = positions.stated_sigma_m
+    if stated_m is not None:
+        most = _MUCH_SCATTER if len(metres) >= _ENOUGH_FOR_SCATTER else _OTHER_UNIT
+        if sigma_m > most * stated_m or sigma_m < stated_m / _OTHER_UNIT:
+            warnings.append(_WRONG_SIGMA.format(sigma_m, stated_m))
+    return warnings
+
+
+def deviation_warning(
+    model: LinearModel, apart: FloatArray, weights: FloatArray, names: list[str]
+) -> list[str]:
+    """Name the position that deviates most from what the others tell, if by more than chance."""
+    if len(names) > _MOST_NAMES:
+        return []
+    worst, deviation = worst_deviation(apart, weights, model.hat_matrix(0))
+    if deviation <= LIE_SIGMAS:
+        return []
+    return [_DEVIATES.format(names[worst], float(np.linalg.norm(apart[worst])), deviation)]
+
+
+def disagreement_warning(lies: list[str], count: int) -> list[str]:
+    """Name the positions that were left out, of `count`; many of them put all in doubt."""
+    if not lies:
+        return []
+    count_text = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
+    names = f"{', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"
+    doubt = ""
+    if len(lies) >= _MANY_LIES and len(lies) > _GREAT_PART * count:
+        doubt = f"; {_DOUBTFUL.format(count)}"
+    return [f"{count_text} with the images: left out {names}{doubt}"]

@@ -53,6 +53,8 @@ class GpsOutcome:
         in the frame of the positions [m], with its axes.
     residuals_m : dict
         Distance of each image's centre from its position, by name [m].
+    offsets_m : dict
+        The same along the axes (3,), centre minus position, by name [m].
     geodetic : bool
         Whether the origin is latitude, longitude and height.
     stated_sigma_m : float or None
@@ -78,6 +80,7 @@ class GpsOutcome:
     sigmas_m: dict[str, FloatArray] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     intrinsics_sigmas: FloatArray | None = None
+    offsets_m: dict[str, FloatArray] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         accuracy = f"σ {self.sigma_m:.3g} m, the model within {self.accuracy_m:.3g} m"
@@ -93,7 +96,13 @@ class GpsOutcome:
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""
         known = {name: value for name, value in vars(self).items() if name != "intrinsics_sigmas"}
-        return known | {"origin": self.world_origin.to_dict()}
+        return known | {"origin": self.world_origin.to_dict(), "rms_m": self._rms_m}
+
+    @property
+    def _rms_m(self) -> list[float] | None:
+        """Root mean squares of the offsets along the axes, of positions that were not left out [m]."""
+        used = [offset for name, offset in self.offsets_m.items() if name not in self.outliers]
+        return np.sqrt(np.mean(np.square(used), axis=0)).tolist() if used else None
 
 
 @dataclass(eq=False)

@@ -94,7 +94,10 @@ def test_positions_are_written_in_the_frame_of_those_given(tmp_path: Path) -> No
     assert run_here("solve", source, "--gps", table, "--positions-out", places).returncode == 0
     features = strict_json(places)["features"]
     told = np.array([feature["geometry"]["coordinates"] for feature in features])[:, [1, 0, 2]]
-    assert set(features[0]["properties"]) == {"name", "sigma_e", "sigma_n", "sigma_u", "residual", "left_out"}
+    properties = features[0]["properties"]
+    by_axis = [f"residual_{axis}" for axis in "enu"]
+    assert set(properties) == {"name", "sigma_e", "sigma_n", "sigma_u", "residual", "left_out", *by_axis}
+    assert np.linalg.norm([properties[name] for name in by_axis]) == pytest.approx(properties["residual"])
     np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.05)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.position_csv import NamedPositions
+from sfmcpp.sources.io.position_csv import NamedPositions, Triple
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,13 @@ class GivenPositions:
         Distances by name, of images that had one [m].
     left_out : collection of str
         Names of those that were not used.
+    offsets_m : mapping
+        Written positions minus given ones along the axes, by name [m]; empty if they are not to be written.
     """
 
     residuals_m: Mapping[str, float] = field(default_factory=dict)
     left_out: Collection[str] = ()
+    offsets_m: Mapping[str, Triple] = field(default_factory=dict)
 
 
 def write_positions(
@@ -44,7 +47,8 @@ def write_positions(
         The positions; for GeoJSON, which knows no other frame, geodetic ones. Standard deviations are written
         if all have them.
     given : GivenPositions, optional
-        Columns, or properties, ``residual`` and ``left_out`` tell of them.
+        Columns, or properties, ``residual``, ``residual_e …`` or ``residual_x …``, and ``left_out`` tell of
+        them.
 
     Raises
     ------
@@ -78,7 +82,11 @@ def _facts(named: NamedPositions, given: GivenPositions | None) -> Facts:
         if facts.keys() <= sigmas.keys():
             known |= {f"sigma_{axis}": sigma for axis, sigma in zip(axes, sigmas[name], strict=True)}
         if given is not None:
-            known |= {"residual": given.residuals_m.get(name), "left_out": name in given.left_out}
+            known["residual"] = given.residuals_m.get(name)
+            if given.offsets_m:
+                along = given.offsets_m.get(name, (None,) * 3)
+                known |= {f"residual_{axis}": offset for axis, offset in zip(axes, along, strict=True)}
+            known["left_out"] = name in given.left_out
     return facts
 
 

@@ -38,6 +38,43 @@ def test_positions_of_the_next_image_are_doubted_and_the_shift_is_named(shift: i
     assert f"each fits the image {side} it" in text
 
 
+def test_a_shift_is_named_where_crossing_strips_hide_it() -> None:
+    """Few positions are left out then: σ grows instead."""
+    along, across = np.arange(6) * 12.0, np.arange(4) * 15.0
+    rows = [np.column_stack([a, np.full(6, 15.0 * k)]) for k, a in enumerate((along, along[::-1], along))]
+    columns = [np.column_stack([np.full(4, 12.0 + 24.0 * k), across[:: 1 - 2 * k]]) for k in (0, 1)]
+    truth = flight(np.concatenate(rows + columns), seed=2)
+    random = np.random.default_rng(6)
+    gps = np.roll(truth.centres, 1, axis=0) + random.normal(0, 0.02, truth.centres.shape)
+    found = georeference(in_a_frame_of_its_own(truth, 2), gps).outcome
+    assert any("each fits the image before it" in text for text in found.warnings)
+
+
+def warnings_of_block(seed: int, *, off: float = 0.0, heights: float = 1.0, stated: bool = True) -> list[str]:
+    """Of four strips, where one position is wrong by so many σ, and heights by so much more than all else."""
+    along = np.arange(7) * 12.0
+    rows = [np.column_stack([along[:: (-1) ** k], np.full(7, 15.0 * k)]) for k in range(4)]
+    truth = flight(np.concatenate(rows), seed)
+    sigmas = 0.05 * np.tile([1.0, 1.0, heights], (28, 1))
+    gps = truth.centres + np.random.default_rng([seed, 7]).normal(size=(28, 3)) * sigmas
+    gps[9, 0] += off * 0.05
+    found = georeference(in_a_frame_of_its_own(truth, seed), gps, sigmas_m=sigmas if stated else None)
+    return found.outcome.warnings
+
+
+def test_one_wrong_position_is_named_by_its_own_standard_deviation() -> None:
+    (warning,) = warnings_of_block(1, off=10.0)
+    assert "the position of 9 is" in warning
+    assert "standard deviations" in warning
+    assert "kept, but probably wrong" in warning
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("heights", "stated"), [(2.0, True), (3.0, False)])
+def test_no_honest_position_is_named(seed: int, heights: float, stated: bool) -> None:
+    assert not warnings_of_block(seed, heights=heights, stated=stated)
+
+
 def test_a_few_wrong_positions_are_left_out_without_doubt_of_the_others() -> None:
     text = warnings_of(wrong=2)
     assert "2 positions disagree with the images" in text
@@ -45,7 +82,8 @@ def test_a_few_wrong_positions_are_left_out_without_doubt_of_the_others() -> Non
 
 
 @pytest.mark.parametrize(
-    ("stated_m", "told"), [(SIGMA_M, False), (SIGMA_M / 3, False), (300.0, True), (0.003, True)]
+    ("stated_m", "told"),
+    [(SIGMA_M, False), (SIGMA_M / 3, True), (3 * SIGMA_M, False), (300.0, True), (0.003, True)],
 )
 def test_a_stated_sigma_in_another_unit_is_told(stated_m: float, told: bool) -> None:
     assert (f"where {stated_m:.3g} m is stated" in warnings_of(stated_m=stated_m)) == told
