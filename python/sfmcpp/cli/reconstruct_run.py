@@ -61,6 +61,9 @@ def run_reconstruction(
                 run = reconstruct(source, cache=folder / CACHE, progress=progress, **options)
             except ModuleNotFoundError as error:  # it says how to install what is missing
                 raise InvalidArgument(str(error)) from None
+            except KeyboardInterrupt:
+                print_note(f"{folder} keeps what was computed: continue with --resume")
+                raise
         code = _finish(SfmReport(run), source, folder, targets, quiet)
     if view and run.model is not None and not run.interrupted:
         _open_page(folder / VIEW, quiet)

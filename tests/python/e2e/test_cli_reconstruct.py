@@ -284,6 +284,17 @@ def test_an_interruption_before_there_is_a_model_is_told(
     assert "interrupted before a model was found" in capsys.readouterr().err
 
 
+def test_an_interruption_of_the_matching_says_how_to_go_on(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(**options: Any) -> SfmRun:
+        raise KeyboardInterrupt
+
+    ending(monkeypatch, interrupted)
+    assert main(["reconstruct", "photos", "-o", "out"]) == 130
+    assert "out keeps what was computed: continue with --resume" in capsys.readouterr().err
+
+
 def test_the_second_ctrl_c_ends_at_once(photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def endless(**options: Any) -> SfmRun:
         os.kill(os.getpid(), signal.SIGINT)
