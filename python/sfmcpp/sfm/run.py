@@ -342,8 +342,6 @@ def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _R
 
 def _settle_focals(found: SfmRun, cameras: Cameras, run: _Run) -> None:
     """Decide anew on focal lengths of the models that no position tells anything of."""
-    if found.interrupted:
-        return
     for world in found.models[0 if found.gps is None else 1 :]:
         found.warnings += settle_focals_by_images(world, cameras, run.settings)
         world.update_errors()
