@@ -53,30 +53,24 @@ def hold_undetermined_focals(world: Map, cameras: Cameras, settings: Incremental
 
 
 def settle_focals_by_images(world: Map, cameras: Cameras, settings: IncrementalSettings) -> list[str]:
-    """:func:`settle_focals` of a model without positions; if the decision stands, it stays as it is.
+    """Hold what the images of a finished model do not determine, and warn of all that is held.
 
-    Observations that were refined since it was made may determine more.
+    What was held stays: refined observations leave smaller residuals, not smaller systematic errors.
     """
-    poses, points, intrinsics = world.poses.copy(), world.points.copy(), world.intrinsics.copy()
     held = held_focals(world, cameras)
-
-    def adjust() -> dict[int, float]:
-        if held.any() or held_focals(world, cameras).any():
-            adjust_all(world, settings, **FINE)
-        return _undetermined_by_images(world, cameras, settings)
-
-    warnings = settle_focals(world, cameras, adjust)
-    if held.any() and (held_focals(world, cameras) == held).all():
-        world.poses[:], world.points[:], world.intrinsics[:] = poses, points, intrinsics
-    return warnings
+    found = _undetermined_by_images(world, cameras, settings)
+    more = {camera: share for camera, share in found.items() if not held[camera]}
+    if more and cameras.model_is_open:
+        _hold(world, cameras, more)
+        adjust_all(world, settings, **FINE)
+    found |= {int(k): max(found.get(int(k), 0.0), _LEAST_SHARE) for k in np.flatnonzero(held)}
+    return _warnings(world, found, "the images do")
 
 
-def settle_focals(
-    world: Map, cameras: Cameras, adjust: Callable[[], dict[int, float]], told_by: str = "the images do"
+def settle_focals_by_positions(
+    world: Map, cameras: Cameras, settings: IncrementalSettings, adjust: Callable[[], FloatArray | None]
 ) -> list[str]:
-    """Decide which focal lengths of a finished model are held, and warn of those that nothing determines.
-
-    One test for both: those that were held are freed, and held again only where it still says so.
+    """Free what was held if positions determine it, hold what nothing does, and warn of that.
 
     Parameters
     ----------
@@ -84,11 +78,10 @@ def settle_focals(
         It is adjusted.
     cameras : Cameras
         What is estimated of each.
+    settings : IncrementalSettings
+        How many images a camera needs.
     adjust : callable
-        Adjusts the model with what is free in it, and tells σ over focal length of each camera whose focal
-        length is not determined, as :func:`undetermined_focals`.
-    told_by : str
-        What does not determine them.
+        Adjusts the model with positions, as far as it is free, and tells σ (G, n) of its intrinsics.
 
     Returns
     -------
@@ -96,16 +89,22 @@ def settle_focals(
         A sentence at most.
     """
     held = held_focals(world, cameras)
+    alone = _shares_by_images(world, cameras, settings) if held.any() else {}
     world.fixed_intrinsics[held, _F] = False
     try:
-        found = adjust()
+        shares = _shares(world.whole_problem(2), adjust(), settings)
     except (InvalidArgument, KeyboardInterrupt):
         world.fixed_intrinsics[held, _F] = True
         raise
+    # Most of what frees it must come from the positions: that of the images was not enough.
+    limits = {k: min(_LEAST_SHARE, _HALF * share) for k, share in alone.items() if held[k]}
+    found = {
+        k: max(share, _LEAST_SHARE) for k, share in shares.items() if share > limits.get(k, _LEAST_SHARE)
+    }
     if found and cameras.model_is_open:
         _hold(world, cameras, found)
         adjust()
-    return _warnings(world, found, told_by)
+    return _warnings(world, found, "images and positions do")
 
 
 def held_focals(world: Map, cameras: Cameras) -> BoolArray:
@@ -113,40 +112,29 @@ def held_focals(world: Map, cameras: Cameras) -> BoolArray:
     return np.asarray(world.fixed_intrinsics[:, _F] & ~cameras.fixed[:, _F])
 
 
-def undetermined_focals(
+def _shares(
     local: LocalProblem, sigmas: FloatArray | None, settings: IncrementalSettings
 ) -> dict[int, float]:
-    """Find the cameras of an adjusted problem whose focal length is not determined.
-
-    Parameters
-    ----------
-    local : LocalProblem
-        With G cameras.
-    sigmas : (G, n) float64 or None
-        Standard deviations of their intrinsics; None where they are not known.
-    settings : IncrementalSettings
-        How many images a camera needs; of those with fewer, nothing is said.
-
-    Returns
-    -------
-    dict of int to float
-        σ over focal length by the number of the camera.
-    """
+    """σ over focal length by the number of the camera, of those with enough images; nothing without σ."""
     if sigmas is None:
         return {}
     few = hold_of_few_images(local.problem, settings)
     shares = sigmas[:, _F] / local.problem.intrinsics[:, _F]
-    rows = np.flatnonzero((shares > _LEAST_SHARE) & ~few)
-    return {int(local.cameras[row]): float(shares[row]) for row in rows}
+    return {int(local.cameras[row]): float(shares[row]) for row in np.flatnonzero(~few)}
 
 
-def _undetermined_by_images(world: Map, cameras: Cameras, settings: IncrementalSettings) -> dict[int, float]:
+def _shares_by_images(world: Map, cameras: Cameras, settings: IncrementalSettings) -> dict[int, float]:
     local = world.whole_problem(2)
     local.problem.fixed_intrinsics[:, _F] = cameras.fixed[local.cameras, _F]
     if local.problem.fixed_intrinsics[:, _F].all():
         return {}
     hold_of_few_images(local.problem, settings)
-    return undetermined_focals(local, sigmas_of_intrinsics(local.problem), settings)
+    return _shares(local, sigmas_of_intrinsics(local.problem), settings)
+
+
+def _undetermined_by_images(world: Map, cameras: Cameras, settings: IncrementalSettings) -> dict[int, float]:
+    shares = _shares_by_images(world, cameras, settings)
+    return {camera: share for camera, share in shares.items() if share > _LEAST_SHARE}
 
 
 def _hold(world: Map, cameras: Cameras, found: dict[int, float]) -> None:
@@ -166,6 +154,6 @@ def _warnings(world: Map, found: dict[int, float], told_by: str) -> list[str]:
     name = world.image_names[images[0]]
     return [
         f"{told_by} not determine {of} (σ {found[worst]:.0%}, camera of {name}, {held} "
-        f"{world.intrinsics[worst, _F]:.0f} px): heights and depths may be wrong by as much; give a "
+        f"{world.intrinsics[worst, _F]:.0f} px): heights and depths are wrong by the same factor; give a "
         "calibrated camera (--camera K.txt) or accurate positions (--gps), or add oblique photos"
     ]

@@ -24,7 +24,7 @@ from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cameras, parse_camera_argument
 from sfmcpp.sfm.database_cameras import as_in_database
-from sfmcpp.sfm.focal_lengths import settle_focals, settle_focals_by_images, undetermined_focals
+from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_positions
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.held_cameras import held_camera_warnings
@@ -324,12 +324,12 @@ def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _R
     """
     world = found.models[0]
 
-    def adjust() -> dict[int, float]:
+    def adjust() -> FloatArray | None:
         found.gps = georeference_map(world, positions, run.settings)
-        return undetermined_focals(world.whole_problem(2), found.gps.intrinsics_sigmas, run.settings)
+        return found.gps.intrinsics_sigmas
 
     try:
-        warnings = settle_focals(world, cameras, adjust, "images and positions do")
+        warnings = settle_focals_by_positions(world, cameras, run.settings, adjust)
     except InvalidArgument as error:
         if needed:
             raise
@@ -341,7 +341,7 @@ def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _R
 
 
 def _settle_focals(found: SfmRun, cameras: Cameras, run: _Run) -> None:
-    """Decide anew on focal lengths of the models that no position tells anything of."""
+    """Decide on focal lengths of the models that no position tells anything of."""
     for world in found.models[0 if found.gps is None else 1 :]:
         found.warnings += settle_focals_by_images(world, cameras, run.settings)
         world.update_errors()
