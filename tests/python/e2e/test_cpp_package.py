@@ -97,6 +97,28 @@ def test_sources_are_optimised_in_a_project_that_names_no_build_type(tmp_path: P
     assert "-O3" not in run("ninja", "-C", tmp_path, "-t", "commands", OBJECT)
 
 
+def test_a_library_without_a_build_type_exports_sfmcpp_with_its_own(tmp_path: Path) -> None:
+    """The libraries themselves are not needed."""
+    if shutil.which("cmake") is None or shutil.which("ninja") is None:
+        pytest.skip("no cmake or no ninja")
+    parent, user, prefix = tmp_path / "parent", tmp_path / "user", tmp_path / "there"
+    parent.mkdir()
+    user.mkdir()
+    (parent / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.25)\nproject(parent LANGUAGES CXX)\n"
+        f'set(SFMCPP_INSTALL ON)\nadd_subdirectory("{REPOSITORY}" sfmcpp)\n'
+    )
+    (user / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.25)\nproject(user LANGUAGES CXX)\nfind_package(sfmcpp REQUIRED)\n"
+        "file(GENERATE OUTPUT place CONTENT $<TARGET_FILE:sfmcpp::sfmcpp>)\n"
+    )
+    run("cmake", "-S", parent, "-B", parent / "build", "-G", "Ninja")
+    (parent / "build/sfmcpp/cpp/libsfmcpp.a").touch()
+    run("cmake", "--install", parent / "build", "--component", "development", "--prefix", prefix)
+    run("cmake", "-S", user, "-B", user / "build", "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}")
+    assert Path((user / "build/place").read_text()).is_file()
+
+
 def test_pkg_config_hands_on_the_camera_model_of_the_build(tmp_path: Path) -> None:
     """In a shell, where quotes in a definition would not survive; the library itself is not needed."""
     if any(shutil.which(tool) is None for tool in ("cmake", "ninja", "pkg-config", "g++")):
