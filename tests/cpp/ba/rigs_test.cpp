@@ -78,6 +78,13 @@ TEST_F(RigTest, AStepOfFrameAndSensorMovesTheCameraByTheDerivative) {
   }
 }
 
+TEST_F(RigTest, AnyEntryBeyondZeroFreesASensor) {
+  numbers.free = {0, 255};
+  EXPECT_TRUE(problem.rigs.any_free());
+  numbers.free = {0, 0};
+  EXPECT_FALSE(problem.rigs.any_free());
+}
+
 TEST_F(RigTest, TheCameraBendsAsTheSecondDifferenceSays) {
   Block step;
   step << 0.4, -0.7, 0.2, 1.0, 2.0, -0.5, -0.3, 0.5, 0.6, 0.8, -0.4, 0.2;

@@ -21,11 +21,13 @@ struct Rigs {
   std::span<const double> sensors{};             // S × 12, row-major: [R | t] rig_from_sensor
   std::span<const int> frame_of_camera{};        // C
   std::span<const int> sensor_of_camera{};       // C
-  std::span<const std::uint8_t> free_sensors{};  // S, or empty: none (ba/rigs.hpp)
+  std::span<const std::uint8_t> free_sensors{};  // S, nonzero: free; or empty: none (ba/rigs.hpp)
 
   bool empty() const { return frame_of_camera.empty(); }
   int num_sensors() const { return static_cast<int>(sensors.size() / kCameraStorage); }
-  bool any_free() const { return std::ranges::find(free_sensors, 1) != free_sensors.end(); }
+  bool any_free() const {
+    return std::ranges::any_of(free_sensors, [](std::uint8_t entry) { return entry != 0; });
+  }
 };
 
 // C cameras, G rows of K intrinsic parameters, N points, M observations. The spans must outlive
@@ -43,7 +45,7 @@ struct Problem {
   std::span<const double> sigma_px{};        // M, or empty for 1 px
   std::span<const double> covariance_px2{};  // M × 2 × 2 instead of σ, or empty
   Rigs rigs{};
-  // What stays as it is; empty: nothing.
+  // What stays as it is: where an entry is not zero; empty: nothing.
   std::span<const std::uint8_t> fixed_cameras{};          // C: with rigs, whole frames
   std::span<const std::uint8_t> fixed_points{};           // N
   std::span<const std::uint8_t> fixed_intrinsics{};       // G × K
