@@ -118,6 +118,7 @@ bool lacks_parallax(const Problem& problem,
   const int begin = graph.point_begin[p], end = graph.point_begin[p + 1];
   const int first = graph.of_point[begin];
   const double focal = state.intrinsics[problem.intrinsics_offset(graph.camera[first])];
+  if (!(focal > 0.0)) return false;  // tells of no angle
   const double inverse_sigma =
       residuals::whitener_of(problem.sigma_px, problem.covariance_px2, graph.source[first])
           .inverse_sigma;
@@ -130,12 +131,20 @@ bool lacks_parallax(const Problem& problem,
 }
 
 // Of models that are compiled; what a function calls so is its own affair.
-std::optional<int> index_of_aspect(const CameraModel& model) {
+std::optional<int> index_of_intrinsic(const CameraModel& model, std::string_view name) {
   if (model.function() != nullptr) return std::nullopt;
   const auto names = intrinsic_names(model);
-  const auto found = std::ranges::find(names, "aspect");
+  const auto found = std::ranges::find(names, name);
   if (found == names.end()) return std::nullopt;
   return static_cast<int>(found - names.begin());
+}
+
+// Which rows of intrinsics cameras with observations have.
+std::vector<char> rows_in_use(const Problem& problem, const linear::ObservationGraph& graph) {
+  std::vector<char> used(static_cast<std::size_t>(problem.num_groups()));
+  for (int i = 0; i < problem.num_cameras(); ++i)
+    used[problem.intrinsics_index[i]] |= static_cast<char>(graph.is_observed(i));
+  return used;
 }
 
 bool is_of_images_alone(std::span<const char> of_others, int p) {
@@ -243,20 +252,23 @@ std::vector<std::string> warnings_about_cameras(const Problem& problem,
         "fewer than 3 observations, the pose is held by damping alone",
         warnings);
   }
+  const std::vector<char> used = rows_in_use(problem, graph);
+  const auto warn_of_rows = [&](const char* name, const auto& applies, const char* text) {
+    const std::optional<int> k = index_of_intrinsic(problem.camera_model, name);
+    const auto is_so = [&](int g) {
+      return used[g] && applies(problem.intrinsics[problem.row_offset(g) + *k]);
+    };
+    if (k) warn("intrinsics row", problem.num_groups(), is_so, text, warnings);
+  };
+  warn_of_rows(
+      "f",
+      [](double f) { return !(f > 0.0); },
+      "the focal length f is not positive: a lens has f > 0, images upside down have negative y");
   constexpr double kFocalLength = 20;  // no lens squeezes a tenth as much
-  const std::optional<int> aspect = index_of_aspect(problem.camera_model);
-  if (aspect) {
-    warn(
-        "intrinsics row",
-        problem.num_groups(),
-        [&](int g) {
-          return problem
-                     .intrinsics[static_cast<std::size_t>(g) * problem.num_intrinsics() + *aspect] >
-                 kFocalLength;
-        },
-        "the aspect, fy / fx, is more than 20: is it fy?",
-        warnings);
-  }
+  warn_of_rows(
+      "aspect",
+      [](double aspect) { return aspect > kFocalLength; },
+      "the aspect, fy / fx, is more than 20: is it fy?");
   return warnings;
 }
 

@@ -25,7 +25,7 @@ _MANY_BEHIND = 0.01
 
 
 def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list[str]:
-    """Warn of focal lengths that are not positive, and of pixels far outside of the images.
+    """Warn of pixels far outside of the images.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list
     ):
         if index.size and not 0 <= index.min() <= index.max() < end:
             return []  # changed by a callback since
-    return [*_focal_lengths(problem, intrinsics), *_pixels(problem, intrinsics)]
+    return list(_pixels(problem, intrinsics))
 
 
 def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
@@ -81,17 +81,6 @@ def _scatter_of_pixels(problem: Problem) -> float:
     """RMS of a coordinate of the pixels about their mean [px]."""
     pixels = problem.pixels[:: max(problem.num_observations // _SAMPLE, 1)]
     return float(np.sqrt(np.mean(np.var(pixels, axis=0))))
-
-
-def _focal_lengths(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:
-    focals = intrinsics[:, problem.intrinsic_names.index("f")][problem.intrinsics_index]
-    wrong = np.flatnonzero((focals <= 0) & (np.bincount(problem.camera_index, minlength=len(focals)) > 0))
-    if len(wrong):
-        row = problem.intrinsics_index[wrong[0]]
-        yield (
-            f"the focal length of {len(wrong):,} of {len(focals):,} cameras is not positive: f = "
-            f"{focals[wrong[0]]:g} px in intrinsics[{row}]; run sfmcpp doctor"
-        )
 
 
 def _pixels(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:

@@ -91,6 +91,17 @@ TEST(Warnings, CamerasWithFewerObservationsThanAPoseNeedsAreNamed) {
   EXPECT_EQ(warnings_about_cameras_of(scene_with_a_camera_of(3)), Warnings{});
 }
 
+TEST(Warnings, FocalLengthsThatAreNotPositiveAreNamedWhereACameraHasThem) {
+  OwnedProblem scene = support::make_circle_scene({});
+  scene.intrinsics.insert(scene.intrinsics.end(), {0.0, 1.0, 0.0, 0.0, 0.0});  // of no camera
+  EXPECT_EQ(warnings_about_cameras_of(scene), Warnings{});
+  scene.intrinsics[5] = 0.0;
+  scene.intrinsics[10] *= -1.0;
+  EXPECT_EQ(warnings_about_cameras_of(scene),
+            Warnings{"intrinsics rows 1, 2: the focal length f is not positive: a lens has f > 0, "
+                     "images upside down have negative y"});
+}
+
 TEST(Warnings, AnAspectThatIsAFocalLengthIsNamed) {
   OwnedProblem scene = support::make_circle_scene({});
   scene.intrinsics[1] = scene.intrinsics[0];

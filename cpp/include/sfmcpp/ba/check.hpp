@@ -65,7 +65,7 @@ std::vector<std::string> warnings_about_parallax(const Problem& problem,
                                                  std::span<const char> of_others = {});
 
 // The same of cameras whose observations are fewer than the six numbers of their pose, and of rows
-// of intrinsics whose aspect looks like a focal length.
+// of intrinsics whose focal length is not positive, or whose aspect looks like one.
 std::vector<std::string> warnings_about_cameras(const Problem& problem,
                                                 const linear::ObservationGraph& graph,
                                                 bool constrained = false);

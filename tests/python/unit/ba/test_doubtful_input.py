@@ -50,8 +50,8 @@ def test_focal_lengths_that_are_not_positive_are_named() -> None:
     problem = scene()
     problem.intrinsics[problem.intrinsics_index[2], 0] *= -1
     (warning,) = warnings_of(problem)
-    assert warning.startswith("the focal length of ")
-    assert "cameras is not positive: f = -" in warning
+    assert warning.startswith("intrinsics row")
+    assert ": the focal length f is not positive" in warning
 
 
 def doctor_warnings(problem: Problem, **options: Any) -> list[str]:
