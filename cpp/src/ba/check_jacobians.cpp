@@ -198,8 +198,14 @@ void judge(const Problem& problem,
                                          .maxCoeff()
                                          .cwiseMax(kSmall * largest)
                                          .cwiseMax(kResolved * c.rounding);
-    const Eigen::RowVectorXd errors =
-        (c.analytic - c.numeric).cwiseAbs().colwise().maxCoeff().cwiseQuotient(scale);
+    // Those that are no numbers are infinitely wrong: NaN would compare with nothing.
+    const Eigen::MatrixXd apart = (c.analytic - c.numeric).cwiseAbs();
+    const Eigen::RowVectorXd errors = apart.array()
+                                          .isNaN()
+                                          .select(std::numeric_limits<double>::infinity(), apart)
+                                          .colwise()
+                                          .maxCoeff()
+                                          .cwiseQuotient(scale);
     Eigen::Index column = 0;
     const double error = errors.maxCoeff(&column);
     check.entries += c.numeric.size();

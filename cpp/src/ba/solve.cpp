@@ -1,7 +1,9 @@
 #include "sfmcpp/ba/solve.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
+#include <span>
 
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/ba/rigs.hpp"
@@ -64,6 +66,74 @@ SolveSummary describe_start(const Workspace& work,
   return summary;
 }
 
+bool are_finite(std::span<const double> numbers) {
+  return std::ranges::all_of(numbers, [](double x) { return std::isfinite(x); });
+}
+
+constexpr const char* kResidual = "its squared residual is not a finite number";
+constexpr const char* kDerivative = "a derivative of its residual is not a finite number";
+
+// The first of those that have numbers which are not finite, and how many there are.
+struct Unsound {
+  const char* what = nullptr;
+  long first = 0, count = 0;
+
+  void add(long number, double squared, bool derivatives_are_finite) {
+    if (std::isfinite(squared) && derivatives_are_finite) return;
+    if (count++ > 0 && first < number) return;
+    first = number;
+    what = std::isfinite(squared) ? kDerivative : kResidual;
+  }
+};
+
+Unsound unsound_observations(const Workspace& work, const optim::State& state) {
+  const std::size_t width = work.map.camera_size;
+  AlignedVector<double> by_camera(2 * width * linear::kChunkSize), rows(8UL * linear::kChunkSize);
+  const residuals::JacobianOutput out{
+      .free_intrinsics = work.intrinsics.data(),
+      .num_free_intrinsics = static_cast<int>(work.intrinsics.size()),
+      .camera_size = work.map.camera_size,
+      .camera = by_camera.data(),
+      .point = rows.data()};
+  Unsound found;
+  work.model.images().prepare(state);
+  for (const linear::Chunk& chunk : work.graph.chunks) {
+    work.model.images().linearize(state, chunk, out);
+    for (int k = 0; k < chunk.end - chunk.begin; ++k) {
+      const std::span<const double> row(rows.data() + 8L * k, 8);
+      const bool finite = are_finite(row) && are_finite({&by_camera[2 * width * k], 2 * width});
+      found.add(work.graph.source[chunk.begin + k], row[3] * row[3] + row[7] * row[7], finite);
+    }
+  }
+  return found;
+}
+
+// Where a solve has failed: which numbers are not finite there.
+void warn_of_numbers(const Workspace& work,
+                     const Problem& problem,
+                     const optim::State& state,
+                     std::vector<std::string>& warnings) {
+  if (const Unsound found = unsound_observations(work, state); found.count > 0) {
+    warnings.push_back(
+        "point " + std::to_string(problem.point_index[found.first]) + ": " + found.what +
+        " in camera " + std::to_string(problem.camera_index[found.first]) + ", observation " +
+        std::to_string(found.first) + " (" + std::to_string(found.count) + " such observations)");
+  }
+  if (problem.constraints == nullptr) return;
+  for (const residuals::ConstraintGroup& group : problem.constraints->groups()) {
+    Unsound found;
+    work.model.constraints().for_each_active(
+        group, state, [&](std::size_t k, residuals::ConstraintResidual& e) {
+          const bool finite =
+              are_finite(e.by_camera) && are_finite(e.by_previous) && are_finite(e.by_point);
+          found.add(static_cast<long>(k), residuals::squared_error(e), finite);
+        });
+    if (found.count > 0)
+      warnings.push_back(residuals::name_of(group, static_cast<std::size_t>(found.first)) + ": " +
+                         found.what + " (" + std::to_string(found.count) + " such members)");
+  }
+}
+
 void check_callable(const optim::Events& events) {
   if (events.on_start && events.on_iteration && events.poll) return;
   throw InvalidArgument("events: on_start, on_iteration and poll must be callable");
@@ -97,6 +167,9 @@ void describe_end(Workspace& work,
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k) summary.constraint_costs[k].final_cost = costs[k];
   warn_behind(summary, summary.warnings);
+  if (summary.minimizer.termination == optim::Termination::kNumericalFailure ||
+      summary.minimizer.termination == optim::Termination::kStalled)
+    warn_of_numbers(work, problem, state, summary.warnings);
   std::ranges::move(
       warnings_about_parallax(
           problem, work.graph, state, summary.final_rms_px, work.exchange, work.rows.points()),

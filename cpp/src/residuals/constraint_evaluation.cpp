@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
@@ -149,12 +150,14 @@ struct Answer {
 
 double* place_of(std::vector<double>& values) { return values.empty() ? nullptr : values.data(); }
 
+// What the function does not write is no number: zeros would pass for residuals and derivatives.
 Answer answer_of(const ConstraintGroup& group, const ConstrainedCameras& cameras, bool jacobian) {
+  constexpr double kUnwritten = std::numeric_limits<double>::quiet_NaN();
   Answer answer{.rows = group.function->rows(), .poses = poses_of_member(group)};
   const std::size_t size = group.members.size() * answer.rows;
-  answer.residuals.resize(size);
-  if (jacobian) answer.by_poses.resize(size * answer.poses * kPoseTangent);
-  if (jacobian && is_on_points(group)) answer.by_points.resize(size * kPointTangent);
+  answer.residuals.assign(size, kUnwritten);
+  if (jacobian) answer.by_poses.assign(size * answer.poses * kPoseTangent, kUnwritten);
+  if (jacobian && is_on_points(group)) answer.by_points.assign(size * kPointTangent, kUnwritten);
   group.function->evaluate(
       poses_of(group, cameras).data(),
       points_of(group, cameras).data(),

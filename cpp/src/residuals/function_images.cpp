@@ -1,6 +1,7 @@
 #include "sfmcpp/residuals/function_images.hpp"
 
 #include <algorithm>
+#include <limits>
 
 #include "sfmcpp/cameras/camera_concept.hpp"
 
@@ -44,10 +45,13 @@ void FunctionImages::set_along(int first, const BendingBatch& batch, double leng
   }
 }
 
+// What the function does not write is no number: zeros would pass for derivatives at a minimum.
 void FunctionImages::evaluate(bool with_jacobians) {
+  constexpr double kUnwritten = std::numeric_limits<double>::quiet_NaN();
+  pixels_.assign(2UL * count_, kUnwritten);
   if (with_jacobians) {
-    by_point_.resize(6UL * count_);
-    by_intrinsics_.resize(2UL * num_intrinsics_ * count_);
+    by_point_.assign(6UL * count_, kUnwritten);
+    by_intrinsics_.assign(2UL * num_intrinsics_ * count_, kUnwritten);
   }
   const CameraFunction::Jacobians jacobians{by_point_.data(), by_intrinsics_.data()};
   function_.image(count_,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
-from sfmcpp.ba.check import observations_without_image, with_ids_of_points
+from sfmcpp.ba.check import with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.doubtful_input import warnings_about_calibration, warnings_about_result
 from sfmcpp.ba.options import SolveOptions
@@ -89,13 +88,12 @@ def adjust(
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
     summary = _summary(core, options)
     about_loss = loss_weight_warnings(arrays, summary)
-    no_image = _warning_of_infinite_cost(problem, summary)
     calibration = warnings_about_calibration(problem, given)
     unit = unit_of_residuals([has_own_sigmas(arrays)])
     if unit == "px" and not calibration:  # which explains the result
         calibration += warnings_about_result(problem, summary)
     about_input = with_ids_of_points(summary.warnings, problem)
-    warnings = [*about_input, *doubtful, *calibration, *no_image, *about_loss, *checkpoints.warnings]
+    warnings = [*about_input, *doubtful, *calibration, *about_loss, *checkpoints.warnings]
     return replace(summary, warnings=warnings, rms_unit=unit)
 
 
@@ -165,19 +163,6 @@ def adjust_on_ranks(
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings, rms_unit=unit)
-
-
-def _warning_of_infinite_cost(problem: Problem, summary: Summary) -> Iterator[str]:
-    """Why the cost at the start is no finite number: nothing has moved."""
-    if math.isfinite(summary.initial_cost):
-        return
-    rows = observations_without_image(problem)
-    if len(rows):
-        point, camera = problem.point_index[rows[0]], problem.camera_index[rows[0]]
-        yield (
-            f"points[{point}]: no image in cameras[{camera}], which observes it: "
-            f"must not be in its centre or beside it ({len(rows):,} such observations)"
-        )
 
 
 def _function_warnings(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:

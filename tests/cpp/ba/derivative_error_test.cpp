@@ -66,8 +66,10 @@ class Ahead final : public ResidualFunction {
     double *by_first = out.by_poses, *by_second = out.by_poses + 6;
     by_first[0] = -local[1];
     by_first[1] = local[0];
+    by_first[2] = 0.0;
     for (int row = 0; row < 3; ++row) {
       by_first[3 + row] = -first[4 * row + 2];
+      by_second[row] = 0.0;
       by_second[3 + row] = factor_ * first[4 * row + 2];
     }
   }
@@ -97,7 +99,7 @@ TEST(DerivativeError, IsRoundingWhereTheDerivativesAreRight) {
 
 TEST(DerivativeError, TellsAWrongSignAndDerivativesThatAreNotWritten) {
   EXPECT_GT(error_of(Mistake::kSign), 0.1);
-  EXPECT_NEAR(error_of(Mistake::kUnwritten), 1.0, 1e-9);
+  EXPECT_TRUE(std::isnan(error_of(Mistake::kUnwritten)));
   EXPECT_TRUE(std::isnan(error_of(Mistake::kNotANumber)));
 }
 

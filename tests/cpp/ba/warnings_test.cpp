@@ -1,6 +1,12 @@
+#include <array>
+#include <cmath>
+#include <memory>
+
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/check.hpp"
+#include "sfmcpp/ba/check_jacobians.hpp"
+#include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "support/small_scenes.hpp"
 
@@ -107,6 +113,81 @@ TEST(Warnings, AnAspectThatIsAFocalLengthIsNamed) {
   scene.intrinsics[1] = scene.intrinsics[0];
   EXPECT_EQ(warnings_about_cameras_of(scene),
             Warnings{"intrinsics row 0: the aspect, fy / fx, is more than 20: is it fy?"});
+}
+
+// Of a solve that fails: what it says.
+Warnings warnings_of_failure(const Problem& problem) {
+  optim::State state = state_of(problem);
+  const SolveSummary summary = solve(problem, {}, {}, state);
+  EXPECT_EQ(summary.minimizer.termination, optim::Termination::kNumericalFailure);
+  return summary.warnings;
+}
+
+TEST(Warnings, AResidualThatIsNotFiniteAtTheStartIsNamed) {
+  OwnedProblem scene = support::make_circle_scene({});
+  scene.pixels[2 * 70] = 1e300;
+  scene.pixels[2 * 9] = 1e300;
+  const std::string point = std::to_string(scene.point_index[9]);
+  const std::string camera = std::to_string(scene.camera_index[9]);
+  EXPECT_EQ(warnings_of_failure(scene.view()),
+            Warnings{"point " + point + ": its squared residual is not a finite number in camera " +
+                     camera + ", observation 9 (2 such observations)"});
+}
+
+// A pinhole with the intrinsics of calibrated cameras that writes no derivatives.
+class Careless final : public CameraFunction {
+ public:
+  const std::string& name() const override { return name_; }
+  std::span<const std::string_view> intrinsic_names() const override { return names_; }
+  void image(int count,
+             const double* points,
+             const double* intrinsics,
+             double* pixels,
+             const Jacobians*) const override {
+    for (long k = 0; k < count; ++k) {
+      const double *x = points + 3 * k, *own = intrinsics + 5 * k;
+      pixels[2 * k] = own[0] * x[0] / x[2] + own[2];
+      pixels[2 * k + 1] = own[0] * own[1] * x[1] / x[2] + own[3];
+    }
+  }
+
+ private:
+  std::string name_ = "careless";
+  std::array<std::string_view, 5> names_{"f", "aspect", "cx", "cy", "skew"};
+};
+
+TEST(Warnings, DerivativesThatACameraFunctionDoesNotWriteAreNoConvergence) {
+  const OwnedProblem scene = make_circle_scene(support::perturbed(CameraModelId::kCalibrated));
+  const Careless function;
+  Problem problem = scene.view();
+  problem.camera_model = CameraModel(function);
+  const Warnings warnings = warnings_of_failure(problem);
+  ASSERT_EQ(warnings.size(), 1u);
+  EXPECT_EQ(warnings[0],
+            "point " + std::to_string(scene.point_index[0]) +
+                ": a derivative of its residual is not a finite number in camera " +
+                std::to_string(scene.camera_index[0]) + ", observation 0 (240 such observations)");
+  EXPECT_TRUE(std::isinf(check_jacobians(problem).worst_error));
+}
+
+// Heights of cameras, whose derivatives are not written.
+class Heights final : public residuals::ResidualFunction {
+ public:
+  int rows() const override { return 1; }
+  void evaluate(const double* poses, const double*, const Output& out) const override {
+    for (int k = 0; k < 2; ++k) out.residuals[k] = poses[12 * k + 11];
+  }
+};
+
+TEST(Warnings, DerivativesThatAResidualFunctionDoesNotWriteAreNamed) {
+  OwnedProblem scene = make_circle_scene(support::perturbed(CameraModelId::kCalibrated));
+  residuals::ConstraintGroup group{.name = "heights"};
+  for (int camera : {2, 4}) group.members.push_back({.camera = camera});
+  group.function = std::make_shared<Heights>();
+  scene.constraints.add(group);
+  EXPECT_EQ(warnings_of_failure(scene.view()),
+            Warnings{"constraints['heights'][0]: a derivative of its residual is not a finite "
+                     "number (2 such members)"});
 }
 
 }  // namespace

@@ -106,9 +106,10 @@ def test_a_point_without_an_image_is_named_where_the_cost_at_the_start_is_no_num
     before = problem.copy()
     summary = sfmcpp.solve(problem)
     assert summary.termination == "numerical_failure"
-    assert [told for told in summary.warnings if "no image" in told] == [
-        "points[7]: no image in cameras[2], which observes it: must not be in its centre or beside it "
-        "(1 such observations)"
+    (row,) = np.flatnonzero((problem.point_index == 7) & (problem.camera_index == 2))
+    assert [told for told in summary.warnings if "not a finite number" in told] == [
+        "point 7: its squared residual is not a finite number in camera 2, "
+        f"observation {row} (1 such observations)"
     ]
     np.testing.assert_array_equal(problem.points, before.points)
 

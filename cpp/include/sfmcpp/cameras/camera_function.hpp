@@ -20,7 +20,8 @@ class CameraFunction {
     double* by_intrinsics;  // count × 2 × K
   };
   // `points` count × 3, `intrinsics` count × K; writes `pixels`, count × 2, and, where it is not
-  // null, their derivatives. A pixel that is no number is one that the camera cannot have.
+  // null, their derivatives. A pixel that is no number is one that the camera cannot have. All that
+  // is to be written is NaN before.
   virtual void image(int count,
                      const double* points,
                      const double* intrinsics,

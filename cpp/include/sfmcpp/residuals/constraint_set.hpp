@@ -51,7 +51,7 @@ struct ConstraintMember {
 class ResidualFunction {
  public:
   // Where they go, members × rows, and their Jacobians, members × rows × poses × 6 and members ×
-  // rows × 3: null where they are not asked for, or there are none.
+  // rows × 3: null where they are not asked for, or there are none. All numbers are NaN before.
   struct Output {
     double* residuals;
     double* by_poses;
