@@ -65,6 +65,10 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
   refuse_acceleration(minimizer);
   refuse_point_steps(minimizer);
   refuse_backtracking_test(search);
+  if (options.loss_table && options.loss != LossKind::kSquared) {
+    throw InvalidArgument("loss = '" + std::string(enum_name(options.loss)) +
+                          "' with a loss_table, which takes its place: leave 'squared'");
+  }
   if (search.damping_threshold && !facts_of(method).has_damping)
     refuse("line_search_damping", method, "it has no damping to compare with");
   if (!facts_of(method).solves_linear_system &&

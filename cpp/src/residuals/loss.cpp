@@ -1,6 +1,7 @@
 #include "sfmcpp/residuals/loss.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "sfmcpp/core/error.hpp"
 
@@ -10,15 +11,38 @@ LossTable::LossTable(std::string name, std::vector<double> knots, std::vector<do
     : name_(std::move(name)), knots_(std::move(knots)), coefficients_(std::move(coefficients)) {
   const bool fits = knots_.size() > 1 && coefficients_.size() == kTerms * (knots_.size() - 1);
   const auto falls = [](double a, double b) { return !(a < b); };
-  if (!fits || knots_[0] != 0.0 ||
+  if (!fits || knots_[0] != 0.0 || !std::isfinite(knots_.back()) ||
       std::adjacent_find(knots_.begin(), knots_.end(), falls) != knots_.end()) {
     throw InvalidArgument("knots: must rise from zero, with " + std::to_string(kTerms) +
                           " coefficients between each two");
   }
+  check_weights();
   rho_.push_back(0.0);
   for (std::size_t k = 0; k + 1 < knots_.size(); ++k)
     rho_.push_back(rho_[k] +
                    integral_to({&coefficients_[kTerms * k], 1.0, knots_[k + 1] - knots_[k]}));
+}
+
+// With a negative weight more error would be less cost. Where ρ′ is zero rounding may make it less.
+void LossTable::check_weights() const {
+  constexpr int kPlaces = 8;
+  constexpr double kRounding = 1e-9;  // of the largest term
+  for (std::size_t k = 0; k < coefficients_.size(); ++k) {
+    if (!std::isfinite(coefficients_[k])) refuse(entry("coefficients", k), "must be finite");
+  }
+  for (std::size_t k = 0; k + 1 < knots_.size(); ++k) {
+    const double* cell = &coefficients_[kTerms * k];
+    const double width = knots_[k + 1] - knots_[k];
+    double largest = 0.0;
+    for (int i = 0; i < kTerms; ++i) largest = std::max(largest, std::abs(cell[i]));
+    for (int place = 0; place <= kPlaces; ++place) {
+      const double x = static_cast<double>(place) / kPlaces, weight = value_at({cell, x, width});
+      if (weight >= -kRounding * largest) continue;
+      refuse("coefficients: derivative " + std::to_string(weight) + " at " +
+                 std::to_string(knots_[k] + x * width),
+             "must not be negative");
+    }
+  }
 }
 
 // Of an s beyond the last knot, and of none: the end of the last cell.

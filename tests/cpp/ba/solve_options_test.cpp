@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <functional>
 #include <limits>
+#include <memory>
 #include <ostream>
 
 #include <gtest/gtest.h>
@@ -130,6 +131,17 @@ TEST(SolveOptions, AStepIsBentOrSearchedAlong) {
   EXPECT_NE(refusal(options).find("acceleration = 'geodesic' with line_search = 'soft': "),
             std::string::npos);
   options.minimizer.acceleration = optim::Acceleration::kAuto;
+  EXPECT_EQ(refusal(options), "legal");
+}
+
+TEST(SolveOptions, ATableAndAKindOfLossAreRefused) {
+  SolveOptions options;
+  options.loss = LossKind::kHuber;
+  options.loss_table = std::make_shared<LossTable>(
+      "squares", std::vector{0.0, 1.0}, std::vector{1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0});
+  EXPECT_EQ(refusal(options),
+            "loss = 'huber' with a loss_table, which takes its place: leave 'squared'");
+  options.loss = LossKind::kSquared;
   EXPECT_EQ(refusal(options), "legal");
 }
 

@@ -1,8 +1,12 @@
 #include "sfmcpp/residuals/loss.hpp"
 
 #include <cmath>
+#include <limits>
+#include <memory>
 
 #include <gtest/gtest.h>
+
+#include "support/refusal.hpp"
 
 namespace sfmcpp::loss_test {
 namespace {
@@ -107,6 +111,36 @@ TEST(Truncated, IsTheSquareUpToTheScaleAndConstantFromHalfAsMuchMoreOn) {
   EXPECT_NEAR(loss.rho(9.0 * (1 - 1e-14)), 1.5 * 4.0, 1e-12);
   EXPECT_EQ(loss.rho(1e12), 1.5 * 4.0);
   EXPECT_EQ(loss.derivative(9.0), 0.0);
+}
+
+// ρ′ = (1 − s)² up to s = 1.
+std::vector<double> biweight() { return {1.0, -2.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0}; }
+
+TEST(LossTable, IsTheIntegralOfItsPolynomials) {
+  const Loss loss{.table =
+                      std::make_shared<LossTable>("biweight", std::vector{0.0, 1.0}, biweight())};
+  const Loss tukey{LossKind::kTukey};
+  for (double s : {0.0, 0.3, 0.9, 1.0, 7.0}) {
+    EXPECT_NEAR(loss.rho(s), tukey.rho(s), 1e-15);
+    EXPECT_NEAR(loss.derivative(s), tukey.derivative(s), 1e-15);
+  }
+}
+
+std::string refusal_of(std::vector<double> knots, std::vector<double> coefficients) {
+  return support::message_of([&] { LossTable("mine", std::move(knots), std::move(coefficients)); });
+}
+
+TEST(LossTable, NumbersThatAreNotFiniteAndALossThatFallsAreRefused) {
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(refusal_of({0.0, 1.0}, std::vector(8, -1.0)),
+            "coefficients: derivative -1.000000 at 0.000000: must not be negative");
+  std::vector<double> falls = biweight();
+  falls[0] = 0.9;
+  EXPECT_EQ(refusal_of({0.0, 2.0}, falls),
+            "coefficients: derivative -0.037500 at 1.500000: must not be negative");
+  falls[3] = kNaN;
+  EXPECT_EQ(refusal_of({0.0, 1.0}, falls), "coefficients[3]: must be finite");
+  EXPECT_NE(refusal_of({0.0, HUGE_VAL}, biweight()), "no error");
 }
 
 // The efficiency of an M-estimator of location, (E ψ′)² / E ψ² on standard normal numbers,

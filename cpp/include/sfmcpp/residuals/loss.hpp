@@ -25,7 +25,7 @@ class LossTable {
 
   // ρ′ between knot k and the next is Σ coefficients[k][i] xⁱ, x from 0 to 1; kTerms of each. Knots
   // rise from zero; beyond the last ρ′ stays what it is there. Throws InvalidArgument if sizes do
-  // not fit or knots do not rise.
+  // not fit, knots do not rise, a number is not finite, or ρ′ is negative.
   LossTable(std::string name, std::vector<double> knots, std::vector<double> coefficients);
 
   const std::string& name() const { return name_; }
@@ -39,6 +39,7 @@ class LossTable {
     const double* coefficients;
     double x, width;
   };
+  void check_weights() const;
   Place place_of(double s) const;
   static double value_at(const Place& place);
   static double integral_to(const Place& place);
