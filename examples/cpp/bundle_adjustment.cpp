@@ -66,10 +66,7 @@ int main() {
   const sfmcpp::ba::SolveSummary summary = sfmcpp::ba::solve(problem, options, events, state);
   std::cout << "RMS " << summary.initial_rms_px << " px -> " << summary.final_rms_px << " px\n";
 
-  sfmcpp::ba::Problem solved = problem;
-  solved.cameras = state.cameras;
-  solved.points = state.points;
-  sfmcpp::ba::LinearModel model(solved, options);
+  sfmcpp::ba::LinearModel model(problem, options, state);  // without `state`: at the start
   std::vector<int> first(20);
   model.point_columns(first.data());
   const std::vector<int> columns{first[0], first[0] + 1, first[0] + 2};

@@ -138,7 +138,13 @@ Loss per_unit_weight(const residuals::ConstraintGroup& group) {
 }  // namespace
 
 LinearModel::LinearModel(const Problem& problem, const SolveOptions& options, double ridge)
-    : ridge_(ridge), problem_(problem), state_(state_of(problem)) {
+    : LinearModel(problem, options, state_of(problem), ridge) {}
+
+LinearModel::LinearModel(const Problem& problem,
+                         const SolveOptions& options,
+                         const optim::State& state,
+                         double ridge)
+    : ridge_(ridge), problem_(problem), state_(state) {
   OptionsCheck check;
   check.require(ridge >= 0.0 && std::isfinite(ridge), "ridge", ridge, "finite and not negative");
   check.done();

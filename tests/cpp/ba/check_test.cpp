@@ -5,6 +5,7 @@
 #include <functional>
 #include <limits>
 #include <ostream>
+#include <type_traits>
 
 #include <gtest/gtest.h>
 
@@ -325,6 +326,9 @@ class Named final : public CameraFunction {
   std::string name_ = "mine";
   std::vector<std::string_view> intrinsics_;
 };
+
+static_assert(std::is_constructible_v<CameraModel, const Named&>);
+static_assert(!std::is_constructible_v<CameraModel, Named>, "it would be gone before the model");
 
 TEST(CheckArrays, AFunctionHasAsManyIntrinsicsAsACameraHasRoomFor) {
   for (std::size_t count : {0, 13, 100}) {

@@ -125,6 +125,21 @@ TEST(LinearModel, OfNothingIsRefused) {
   support::expect_refused([] { LinearModel(Problem{}, SolveOptions{}); }, {"there are none"});
 }
 
+TEST(LinearModel, IsThatOfTheStateItIsGiven) {
+  const OwnedProblem scene = make_circle_scene(support::perturbed(CameraModelId::kPerspective));
+  optim::State state = state_of(scene.view());
+  const SolveSummary summary = solve(scene.view(), {}, {}, state);
+  EXPECT_EQ(LinearModel(scene.view(), {}).cost(), summary.minimizer.initial_cost);
+  LinearModel there(scene.view(), {}, state);
+  EXPECT_EQ(there.cost(), summary.minimizer.final_cost);
+  OwnedProblem solved = scene;
+  solved.start_from(state);
+  std::vector<double> leverages(4UL * there.num_observations()), expected(leverages);
+  there.leverages(leverages.data());
+  LinearModel(solved.view(), {}).leverages(expected.data());
+  EXPECT_EQ(leverages, expected);
+}
+
 TEST(LinearModel, ARidgeThatIsNoShareIsRefused) {
   const OwnedProblem owned = make_circle_scene(support::perturbed(CameraModelId::kCalibrated));
   for (double ridge :

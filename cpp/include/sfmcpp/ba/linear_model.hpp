@@ -52,8 +52,13 @@ class LinearModel {
   // The largest reduced system that is inverted as a whole.
   static constexpr int kMaxInverse = 4000;
 
-  // Linearises at the present state; the arrays of the problem are not read later. `ridge` is added
-  // to the diagonal of H as a share of it. Throws InvalidArgument as solve() does.
+  // Linearises at a state, such as solve() ends with, or at the start that the problem holds; the
+  // arrays of the problem are not read later. `ridge` is added to the diagonal of H as a share of
+  // it. Throws InvalidArgument as solve() does.
+  LinearModel(const Problem& problem,
+              const SolveOptions& options,
+              const optim::State& state,
+              double ridge = 0.0);
   LinearModel(const Problem& problem, const SolveOptions& options, double ridge = 0.0);
   ~LinearModel();
   LinearModel(const LinearModel&) = delete;

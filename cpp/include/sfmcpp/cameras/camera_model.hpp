@@ -42,7 +42,8 @@ struct EnumTraits<CameraModelId> {
 class CameraModel {
  public:
   CameraModel(CameraModelId id) : id_(id) {}  // NOLINT(google-explicit-constructor): it is one
-  explicit CameraModel(const CameraFunction& function) : function_(&function) {}
+  explicit CameraModel(const CameraFunction& function) : function_(&function) {}  // outlives this
+  explicit CameraModel(const CameraFunction&&) = delete;
 
   const CameraFunction* function() const { return function_; }  // null: one of the models above
   // Throws InvalidArgument that names the model if it is a function.
