@@ -39,6 +39,8 @@ def test_the_example_runs_with_the_installed_library(built: Path, tmp_path: Path
     told = run(build / "bundle_adjustment")
     assert "\nRMS " in told
     assert "\ndepth of point 0: " in told
+    resumed = run(build / "own_functions").splitlines()
+    assert resumed[1] == "the callback asked to stop"
     assert_bal_is_solved(build / "bal", tmp_path)
 
 
