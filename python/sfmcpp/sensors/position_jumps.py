@@ -22,6 +22,9 @@ _LEVEL = 4
 _NOISE = 9.0
 # What honest positions may be off, the two of a way together, and the least that counts as σ [m].
 _NOISE_SIGMAS, _LEAST_SIGMA_M = 10.0, 1.0
+# A jump is a leap at one of its edges alone where the motion makes the other step shorter: a stretch ends at
+# steps of so much of a leap, too.
+_CUT_SHARE = 0.5
 # More leaps are noise, and not looked at.
 _MOST_LEAPS = 1000
 
@@ -119,7 +122,8 @@ def _peaks(sizes: FloatArray, limit: float) -> NDArray[np.intp]:
 def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorStream:
     """Leave out positions that no vehicle could have got to from the others, as of fixes that were lost.
 
-    Of all the ways through the stream that a vehicle can have gone, that with most positions is kept.
+    Of all the ways along stretches without large steps that a vehicle can have gone, that with most positions
+    is kept; a stream of which every step is possible is kept whole.
 
     Parameters
     ----------
@@ -141,10 +145,14 @@ def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorS
     require_kind(stream, "position", "pose")
     t_s, places = stream.t_s, stream.values[:, :3]
     noise_m = _NOISE_SIGMAS * max(sigma_m or 0.0, _LEAST_SIGMA_M)
-    leaps = 1 + np.flatnonzero(~_reachable(t_s[:-1], places[:-1], t_s[1:], places[1:], noise_m))
+    leaps, cuts = (
+        1 + np.flatnonzero(~_reachable(t_s[:-1], places[:-1], t_s[1:], places[1:], noise_m, share))
+        for share in (1.0, _CUT_SHARE)
+    )
     if not 0 < len(leaps) <= _MOST_LEAPS:
         return stream
-    first, last = np.concatenate([[0], leaps]), np.concatenate([leaps, [len(t_s)]]) - 1
+    cuts = cuts if len(cuts) <= _MOST_LEAPS else leaps
+    first, last = np.concatenate([[0], cuts]), np.concatenate([cuts, [len(t_s)]]) - 1
     counts = last - first + 1
     before = np.full(len(first), -1)
     for k in range(1, len(first)):
@@ -161,8 +169,13 @@ def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorS
 
 
 def _reachable(
-    start_s: FloatArray, start: FloatArray, end_s: FloatArray | float, end: FloatArray, noise_m: float
+    start_s: FloatArray,
+    start: FloatArray,
+    end_s: FloatArray | float,
+    end: FloatArray,
+    noise_m: float,
+    share: float = 1.0,
 ) -> NDArray[np.bool_]:
-    """Whether a vehicle can get from one place to another in the time."""
+    """Whether a vehicle can get from one place to another in the time, by a share of its longest way."""
     way = np.linalg.norm(end - start, axis=1)
-    return np.asarray(way <= FASTEST_M_S * (end_s - start_s) + noise_m)
+    return np.asarray(way <= share * (FASTEST_M_S * (end_s - start_s) + noise_m))

@@ -107,6 +107,18 @@ def test_of_two_places_that_cannot_both_be_the_one_with_more_positions_is_believ
     np.testing.assert_array_equal(without_leaps(stream).t_s, stream.t_s[25:])
 
 
+@pytest.mark.parametrize("aside_m", [20.0, 25.0, 30.0, 32.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_honest_positions_stay_where_only_one_edge_of_a_jump_is_a_leap(aside_m: float, seed: int) -> None:
+    t_s = np.arange(0.0, 16.0, 0.2)
+    places = np.stack([0 * t_s, 5 * t_s, 0 * t_s], axis=1)
+    places += np.random.default_rng(seed).normal(0, 0.5, places.shape)
+    displaced = (t_s > 6.4) & (t_s < 9.6)
+    places[displaced, 0] += aside_m
+    kept = np.isin(t_s, without_leaps(SensorStream(t_s, places, "position"), 1.0).t_s)
+    assert np.count_nonzero(~displaced & ~kept) <= 2
+
+
 def test_leaps_are_those_of_positions() -> None:
     with pytest.raises(InvalidArgument, match="kind"):
         without_leaps(SensorStream(np.arange(3.0), np.zeros(3), "speed"))
