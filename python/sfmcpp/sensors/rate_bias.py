@@ -57,8 +57,8 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     -------
     (3,) float64 or None
         To be taken from the rates, in the axes of the body [rad/s]. None where the turns show none: fewer
-        than six that the stream covers, a rate within what they may be off by, or errors that a wrong clock
-        or wrong axes explain as well.
+        than six that the stream covers together with the second after them, a rate within what they may be
+        off by, or errors that a wrong clock or wrong axes explain as well.
 
     Raises
     ------
@@ -66,7 +66,9 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
         If the stream is of another kind.
     """
     require_kind(stream, "angular_rate")
-    covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s)]
+    # Without what comes after a turn, clocks that are ahead explain nothing, and noise is taken for a bias.
+    reach_s = float(_OFFSETS_S[-1])
+    covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s + reach_s)]
     if len(covered) < _FEWEST:
         return None
     errors, lengths_s = _errors(stream, mounting, covered, np.zeros(1))[0], _durations_s(covered)

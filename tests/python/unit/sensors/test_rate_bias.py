@@ -63,6 +63,20 @@ def test_a_wrong_clock_is_no_bias(late_s: float) -> None:
         assert find_bias(gyro(seconds=9.0).shifted(late_s), MOUNTING, turns(count)) is None
 
 
+@pytest.mark.parametrize("end_s", [2.7, 3.0, 9.0])
+def test_a_late_clock_in_a_bend_that_tightens_is_no_bias_before_its_samples_have_come(end_s: float) -> None:
+    stamps = np.arange(0.0, 9.0, 0.01)
+    rates = np.outer(0.3 * stamps, [0.0, 0.0, 1.0])
+    late = SensorStream(stamps + 0.5, rates, "angular_rate")
+    step_s = 0.1
+    begins = 2.0 + step_s * np.arange(7)
+    angles = 0.15 * ((begins + step_s) ** 2 - begins**2)
+    seen = Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
+    pairs = [Turn(start, start + step_s, turn) for start, turn in zip(begins.tolist(), seen, strict=True)]
+    known = late.only(late.t_s <= end_s)
+    assert find_bias(known, Mounting(np.eye(3), np.zeros(3)), pairs) is None
+
+
 @pytest.mark.parametrize("factor", [1 / 57.3, -1.0])
 def test_a_wrong_unit_or_axis_is_no_bias(factor: float) -> None:
     stream = gyro(seconds=9.0)
