@@ -19,7 +19,13 @@ from sfmcpp.sensors.inertial import (
     sampling_variance,
 )
 from sfmcpp.sensors.mounting import Mounting, find_misalignment
-from sfmcpp.sensors.odometer import camera_displacement, carried_over, doubtful_stretches, travelled_distance
+from sfmcpp.sensors.odometer import (
+    camera_displacement,
+    carried_over,
+    dead_stretches,
+    doubtful_stretches,
+    travelled_distance,
+)
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
 from sfmcpp.sensors.position_jumps import displaced_positions, without_leaps
 from sfmcpp.sensors.rate_bias import MOST_TURNS, find_bias, without_bias
@@ -60,6 +66,7 @@ __all__ = [
     "check_position_clock",
     "check_rotations",
     "check_turns",
+    "dead_stretches",
     "describe_coverage",
     "describe_gaps",
     "describe_spikes",

@@ -12,6 +12,7 @@ from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
+from sfmcpp.sensors.rotation_check import Turn
 from sfmcpp.sensors.stream import (
     interpolate_vectors,
     measured_at,
@@ -29,8 +30,13 @@ LARGEST_JERK_M_S3 = 30.0
 _NEIGHBOURS = 2
 # Changes of the speed that its noise makes are this many standard deviations at most.
 _NOISE_SIGMAS = 6.0
+# Share of the speeds, at least, that tell the noise.
+_VARIED = 0.1
 # A leap back undoes a leap if the speed is as before, but for what was driven meanwhile, to this share.
 _SAME = 0.15
+# Pairs of images in a row that must tell a step where it is dead, and what it moves there at most, as a share
+# of its ways between pairs: these are as far apart as the images change.
+_FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 6, 0.02, 0.9
 # Where the body stands, a factor may change without a leap.
 _STANDING_M_S = 0.3
 
@@ -165,6 +171,53 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
 
 
 @checked()
+def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ...]:
+    """Stretches in which an odometer does not move while the camera does, as one that has come off.
+
+    It does not where its way from image to image is less than 2 % of what it usually is.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"speed"``, ``"distance"`` or ``"velocity"``.
+    turns : sequence of Turn
+        What pairs of images tell that tell a step, in the order of time. Some may be wrong.
+
+    Returns
+    -------
+    tuple of Gap
+        From the first sample that does not move to the last, of six pairs in a row or more.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    t_s, speeds = _speeds(stream)
+    told = [(t, travelled_distance(stream, t.start_s, t.end_s)) for t in turns]
+    ways = np.array([abs(way) for _, way in told if way is not None])
+    pairs = [turn for turn, way in told if way is not None]
+    if len(ways) < _FEWEST_PAIRS:
+        return ()
+    still = ways <= _DEAD_SHARE * np.quantile(ways, _USUAL)
+    moving_s = t_s[speeds > _DEAD_SHARE * np.quantile(speeds, _USUAL)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    return tuple(
+        _between(stream, moving_s, 0.5 * (pairs[first].start_s + pairs[first].end_s))
+        for first, end in edges.reshape(-1, 2).tolist()
+        if end - first >= _FEWEST_PAIRS
+    )
+
+
+def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap:
+    """The samples about a time between those that move."""
+    before_s = moving_s[moving_s < time_s].max(initial=-np.inf)
+    after_s = moving_s[moving_s >= time_s].min(initial=np.inf)
+    within = stream.t_s[(stream.t_s > before_s) & (stream.t_s < after_s)]
+    return Gap(float(within[0]), float(within[-1]))
+
+
+@checked()
 def carried_over(stream: SensorStream, stretches: Sequence[Gap]) -> SensorStream:
     """The stream with what inertia makes of it in stretches where it cannot be right.
 
@@ -209,7 +262,10 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
         return []
     changes, period_s = np.diff(speeds), np.diff(t_s)
     # A second difference of white noise has six times its variance; a median ignores the leaps themselves.
-    noise = 1.4826 * float(np.median(np.abs(np.diff(speeds, 2)))) / np.sqrt(6.0)
+    # Where a speed does not change at all, it is not measured; what then is left may be leaps alone.
+    bends = np.abs(np.diff(speeds, 2))
+    varied = bends[bends > 0] if np.mean(bends > 0) > _VARIED else bends
+    noise = 1.4826 * float(np.median(varied)) / np.sqrt(6.0)
     rates = changes / period_s
     alone = np.abs(rates - running_median(rates, _NEIGHBOURS)) * period_s
     too_fast = np.abs(changes) > LARGEST_ACCELERATION_M_S2 * period_s + _NOISE_SIGMAS * noise

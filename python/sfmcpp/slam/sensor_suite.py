@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, TypeGuard, TypeVar
 
@@ -18,6 +18,7 @@ from sfmcpp.sensors import (
     Turn,
     check_rotations,
     check_turns,
+    dead_stretches,
     describe_coverage,
     describe_gaps,
     describe_spikes,
@@ -25,16 +26,17 @@ from sfmcpp.sensors import (
     find_misalignment,
     without_bias,
 )
+from sfmcpp.slam.corrected_sensors import STAMPED, camera_steps, with_turned_mounting, without_stretches
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
-# Those whose stream can be replaced.
-_Stamped = (Odometer, Gyroscope, Gps, Ins)
 # Biases that are no further apart are one [rad/s].
 _SAME_BIAS_RAD_S = float(np.radians(0.1))
+# Jumps of a speed that are told one by one.
+_MOST_TOLD = 3
 # Turns that a clock is compared by.
 _LAST_TURNS = 48
 
@@ -89,12 +91,12 @@ class SensorSuite:
 
     def feed(self, name: str, t_s: FloatArray, values: FloatArray) -> None:
         """More measurements of the sensor of that name, later than those it has."""
-        known = [sensor.name for sensor in self._given if isinstance(sensor, _Stamped)]
+        known = [sensor.name for sensor in self._given if isinstance(sensor, STAMPED)]
         if name not in known:
             raise InvalidArgument(f"name = {name!r}: must be one of {', '.join(known) or 'no sensor'}")
         self._given = tuple(
             replace(sensor, stream=sensor.stream.extended(t_s, values))
-            if isinstance(sensor, _Stamped) and sensor.name == name
+            if isinstance(sensor, STAMPED) and sensor.name == name
             else sensor
             for sensor in self._given
         )
@@ -175,7 +177,7 @@ class SensorSuite:
         alike = [
             sensor.name
             for sensor in self.sensors
-            if isinstance(sensor, _Stamped) and np.array_equal(sensor.stream.t_s, gyro.stream.t_s)
+            if isinstance(sensor, STAMPED) and np.array_equal(sensor.stream.t_s, gyro.stream.t_s)
         ]
         self.move_stamps(alike, check.offset_s)
         return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
@@ -240,7 +242,7 @@ class SensorSuite:
         """Make the sensors those given, but for their clocks and biases."""
         self.sensors = tuple(
             replace(sensor, stream=self._corrected(sensor.name, sensor.stream))
-            if isinstance(sensor, _Stamped) and {sensor.name} & {*self._moved_s, *self._biases}
+            if isinstance(sensor, STAMPED) and {sensor.name} & {*self._moved_s, *self._biases}
             else sensor
             for sensor in self._given
         )
@@ -265,13 +267,7 @@ class SensorSuite:
 
     def remarks(self) -> list[str]:
         """What is wrong with the streams by themselves, a sentence each: gaps, and what leaps."""
-        doubts = [
-            f"stream {sensor.stream.name!r}: the speed jumps by more than a vehicle can; {stretch} "
-            + ("it is bridged by inertia" if stretch in sensor.carried_stretches else "it gets no weight")
-            for sensor in self.sensors
-            if isinstance(sensor, Odometer)
-            for stretch in sensor.doubtful_stretches
-        ]
+        doubts = [found for s in self.sensors if isinstance(s, Odometer) for found in _speed_jumps(s)]
         leaps = [found for s in self.sensors if isinstance(s, Gps | Ins) for found in s.remarks()]
         leaps += [found for s in self.sensors if _has_rates(s) for found in describe_spikes(s.stream)]
         return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + leaps
@@ -300,8 +296,14 @@ class SensorSuite:
             "camera: check the declared mounting"
             for name, turn in self._misalignments().items()
         ]
+        dead = [
+            f"{name}: it does not move for {stretch}, while the images do: is it dead?"
+            for name, stretches in self._dead_stretches().items()
+            for stretch in stretches
+        ]
         return (
             biases
+            + dead
             + turned
             + learnt
             + [found for name, check in checks.items() if (found := check.complaint(name))]
@@ -317,20 +319,28 @@ class SensorSuite:
         self._refine_clocks(vision)
         misaligned = self._misalignments()
         of_motion = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gps | Ins)]
-        denied = {
-            name: stretch
+        # What a dead odometer has bent says nothing against the others.
+        wrong = self._dead_stretches() or {
+            name: (stretch,)
             for name, known in self._experience.items()
             if name in of_motion and (stretch := known.denied)
         }
-        if not {*denied, *misaligned, *self._moved_s, *self._biases}:
+        if not {*wrong, *misaligned, *self._moved_s, *self._biases}:
             return None
-        kept = [_without_stretch(sensor, denied.get(sensor.name)) for sensor in self.sensors]
-        return tuple(_with_turned_mounting(sensor, misaligned) for sensor in kept if sensor is not None)
+        kept = [without_stretches(sensor, wrong.get(sensor.name, ())) for sensor in self.sensors]
+        return tuple(with_turned_mounting(sensor, misaligned) for sensor in kept if sensor is not None)
+
+    def _dead_stretches(self) -> dict[str, tuple[Gap, ...]]:
+        """Where odometers stand still while pairs of images tell a step."""
+        odometers = [sensor for sensor in self.sensors if isinstance(sensor, Odometer)]
+        found = {odometer.name: dead_stretches(odometer.stream, self._turns) for odometer in odometers}
+        return {name: stretches for name, stretches in found.items() if stretches}
 
     def _misalignments(self) -> dict[str, FloatArray]:
         """Rotations of the camera against the mountings of odometers, where images determine them."""
-        odometers = [sensor for sensor in self.sensors if isinstance(sensor, Odometer)]
-        steps = {odometer.name: _camera_steps(odometer, self._turns[-MOST_TURNS:]) for odometer in odometers}
+        dead = self._dead_stretches()
+        odometers = [s for s in self.sensors if isinstance(s, Odometer) and s.name not in dead]
+        steps = {odometer.name: camera_steps(odometer, self._turns[-MOST_TURNS:]) for odometer in odometers}
         return {name: turn for name, pair in steps.items() if (turn := find_misalignment(*pair)) is not None}
 
     def distance(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
@@ -360,39 +370,21 @@ class SensorSuite:
         return _first_not_none(answers)
 
 
+def _speed_jumps(odometer: Odometer) -> list[str]:
+    """A sentence for each stretch, one for all where there are many."""
+    stretches = odometer.doubtful_stretches
+    told = f"stream {odometer.stream.name!r}: the speed jumps by more than a vehicle can; "
+    if len(stretches) > _MOST_TOLD:
+        rule = "they are bridged by inertia or get no weight"
+        return [f"{told}in {len(stretches)} stretches, first {stretches[0]}, {rule}"]
+    return [
+        f"{told}{gap} it {'is bridged by inertia' if gap in odometer.carried_stretches else 'gets no weight'}"
+        for gap in stretches
+    ]
+
+
 def _has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:
     return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
-
-
-def _camera_steps(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:
-    """Steps (n, 3) of the camera by an odometer, and their directions by the images."""
-    compared = [
-        (odometer.measure(turn.start_s, turn.end_s, turn.rotation, turn.rotation), turn) for turn in turns
-    ]
-    known = [
-        (np.asarray(measured.value)[:, 3], turn.direction)
-        for measured, turn in compared
-        if measured is not None and measured.kind == "displacement-pose" and not measured.doubtful
-    ]
-    steps, directions = np.array(known).reshape(-1, 2, 3).swapaxes(0, 1)
-    return steps, directions
-
-
-def _with_turned_mounting(sensor: MotionSensor, turns: Mapping[str, FloatArray]) -> MotionSensor:
-    """An odometer with a corrected rotation of its mounting."""
-    turn = turns.get(sensor.name)
-    if turn is None or not isinstance(sensor, Odometer) or sensor.mounting is None:
-        return sensor
-    mounted = replace(sensor.mounting, camera_from_body=turn @ sensor.mounting.camera_from_body)
-    return replace(sensor, mounting=mounted)
-
-
-def _without_stretch(sensor: MotionSensor, stretch: Gap | None) -> MotionSensor | None:
-    """A sensor without the samples of a stretch; None if nothing is left."""
-    if stretch is None or not isinstance(sensor, _Stamped):
-        return sensor
-    rest = sensor.stream.without(stretch)
-    return None if rest is None else replace(sensor, stream=rest)
 
 
 def _first_not_none(answers: Iterable[_Answer | None]) -> _Answer | None:

@@ -120,6 +120,7 @@ BY_FUNCTION: dict[str, dict[str, Any]] = {
     "sensors.check_bends": {"stream": POSITION, "vision": PATH},
     "sensors.check_position_clock": {"stream": POSITION, "path": PATH},
     "sensors.check_rotations": {"vision": PATH},
+    "sensors.dead_stretches": {"stream": SPEED, "turns": []},
     "sensors.doubtful_stretches": {"stream": SPEED},
     "sensors.local_positions": {"stream": GEODETIC},
     "sensors.pose_at": {"stream": POSE},

@@ -70,6 +70,31 @@ def test_an_odometer_that_leaps_and_never_back_has_no_weight() -> None:
     assert "gets no weight" in liar.warnings[0]
 
 
+@pytest.mark.parametrize("since_s", [-1.0, 5.0])
+@pytest.mark.parametrize("noise_m_s", [0.0, 0.002])
+def test_an_odometer_that_dies_is_named_and_left_out_from_then_on(since_s: float, noise_m_s: float) -> None:
+    drive = winding()
+    rest = np.abs(np.random.default_rng(0).normal(0, noise_m_s, drive.odometer.values.shape))
+    values = np.where(
+        drive.odometer.t_s[:, None] < since_s, drive.odometer.values, rest if since_s > 0 else 0
+    )
+    alone = run_slam(drive.sequence)
+    dead = run_slam(drive.sequence, sensors=[Odometer(replace(drive.odometer, values=values))])
+    assert "is it dead?" in " ".join(dead.warnings)
+    assert "mounting" not in " ".join(dead.warnings).replace("clock, mounting, unit", "")
+    assert drive.errors(dead)[0] < 1.2 * drive.errors(alone)[0]
+
+
+def test_many_jumps_of_a_speed_are_one_sentence() -> None:
+    drive = winding()
+    values = drive.odometer.values.copy()
+    values[20:400:20] *= 3
+    told = Slam(drive.sequence.intrinsics, sensors=[Odometer(replace(drive.odometer, values=values))])
+    assert [w for w in told.result.warnings if "jumps" in w] == told.result.warnings
+    assert len(told.result.warnings) == 1
+    assert re.search(r"in \d\d stretches, first", told.result.warnings[0])
+
+
 def test_a_gyro_that_lies_is_in_conflict_and_its_weight_falls() -> None:
     drive = winding()
     lie = lying(drive.gyro, yaw_rad_s=float(np.radians(5)))
