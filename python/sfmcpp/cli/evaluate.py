@@ -38,8 +38,8 @@ Align = Annotated[
     str,
     typer.Option(
         metavar="all|none|first:N|robust",
-        help="Poses used for alignment. first:0.1: the first tenth of a trajectory; robust: the images of a "
-        "model that agree.",
+        help="Poses used for alignment. first:0.1: the first tenth of a trajectory, rounded up; robust: of a "
+        "model alone, the images that agree.",
     ),
 ]
 # Options of trajectories that mean nothing for images, with their defaults.

@@ -39,7 +39,7 @@ class AlignmentRule:
 
     @classmethod
     def parse(cls, text: str) -> AlignmentRule:
-        """Understand ``"all"``, ``"none"``, ``"first:0.1"`` (the first tenth) or ``"first:20"``.
+        """Understand ``"all"``, ``"none"``, ``"first:0.1"`` (the first tenth, rounded up) or ``"first:20"``.
 
         Raises
         ------
@@ -48,6 +48,8 @@ class AlignmentRule:
         """
         if text in ("all", "none"):
             return cls(text)
+        if text == "robust":
+            raise InvalidArgument("align = 'robust': is for models, must be all, none or first:N here")
         mode, _, amount = text.partition(":")
         try:
             value = float(amount)
