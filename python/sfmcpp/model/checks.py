@@ -18,6 +18,8 @@ Known = TypeVar("Known")
 
 # Of a rotation in memory, and of one read from a file that prints few digits.
 ROTATION_TOLERANCE, PRINTED_ROTATION_TOLERANCE = 1e-6, 1e-3
+# Stamps of one run that follow each other are no further apart.
+LONGEST_PAUSE_S = 86_400.0
 
 
 def _is_finite(name: str, value: float) -> bool:
@@ -113,3 +115,12 @@ def is_rotation(matrices: FloatArray, tolerance: float = ROTATION_TOLERANCE) -> 
         gram = matrices @ np.swapaxes(matrices, -1, -2)
         orthonormal = (np.abs(gram - np.eye(3)) <= tolerance).all(axis=(-1, -2))
         return np.asarray(orthonormal & (np.linalg.det(matrices) > 0))
+
+
+def require_near(name: str, before_s: float, time_s: float) -> None:
+    """Refuse a stamp of a run that comes more than a day after the one before: it is in another unit."""
+    if time_s - before_s > LONGEST_PAUSE_S:
+        raise InvalidArgument(
+            f"{name} = {time_s:.9g} s: must be within a day of {before_s:.9g} s, the one before; "
+            "was it given in ms, us or ns?"
+        )

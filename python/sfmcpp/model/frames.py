@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array, number_array, shaped_array
+from sfmcpp.model.checks import require_positive
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,7 @@ class View:
     Attributes
     ----------
     tracks : (n,) int32
-        Tracks, ascending.
+        Numbers of the tracks, each once, ascending.
     pixels : (n, 2) float64
         Where it sees them [px].
     right : RightView, optional
@@ -72,6 +74,45 @@ class Frame:
     number: int
     t_s: float
     view: View
+
+
+def checked_view(view: View) -> View:
+    """The view with its tracks ascending.
+
+    Parameters
+    ----------
+    view : View
+        Its tracks may have any integers from 0 on, in any order.
+
+    Returns
+    -------
+    View
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a track is no integer, negative or there twice, a pixel is not finite, or the
+        baseline is not positive.
+    """
+    tracks = number_array("view.tracks", view.tracks)
+    if tracks.ndim != 1:
+        raise InvalidArgument(f"view.tracks: shape {tracks.shape}, must be (any)")
+    if not len(tracks):
+        tracks = tracks.astype(np.int32)
+    if tracks.dtype.kind not in "iu":
+        raise InvalidArgument(f"view.tracks: dtype {tracks.dtype}, must be integers")
+    pixels, right = finite_array("view.pixels", view.pixels, (len(tracks), 2)), view.right
+    if right is not None:
+        right = RightView(shaped_array("view.right.pixels", right.pixels, (len(tracks), 2)), right.baseline_m)
+        require_positive("view.right.baseline_m", right.baseline_m)
+    order = np.argsort(tracks, kind="stable")
+    tracks = tracks[order]
+    if len(tracks) and tracks[0] < 0:
+        raise InvalidArgument(f"view.tracks: {tracks[0]} is negative, must be 0 or above")
+    twice = np.flatnonzero(tracks[1:] == tracks[:-1])
+    if len(twice):
+        raise InvalidArgument(f"view.tracks: track {tracks[twice[0]]} is there twice, must be once")
+    return View(tracks, pixels[order], right and right.only(order))
 
 
 def common(a: View, b: View) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

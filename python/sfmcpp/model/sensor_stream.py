@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array, require_increasing, shaped_array
-from sfmcpp.model.checks import looked_up, require_not_negative
+from sfmcpp.model.checks import looked_up, require_near, require_not_negative
 
 # Faster than any road vehicle or train the package is meant for.
 FASTEST_M_S = 100.0
@@ -277,9 +278,14 @@ class SensorStream:
         return replace(self, t_s=self.t_s + clock_offset_s)
 
     def extended(self, t_s: FloatArray, values: FloatArray) -> SensorStream:
-        """These measurements and later ones; the default of `max_gap_s` is that of all of them."""
+        """These measurements and later ones; the default of `max_gap_s` is that of all of them.
+
+        InvalidArgument if one comes more than a day after the one before: its unit is another.
+        """
         given = self.max_gap_s != BRIDGED_PERIODS * self.period_s
         stamps = np.concatenate([self.t_s, finite_array("t_s", t_s, (ANY,))])
+        for before_s, after_s in pairwise(stamps[len(self) - 1 :].tolist()):
+            require_near(f"stream {self.name!r}: t_s", before_s, after_s)
         more = shaped_array("values", _columns(values, self.values.shape[1]), (ANY, self.values.shape[1]))
         rows = np.concatenate([self.values, more])
         largest = {} if given else {"max_gap_s": None}

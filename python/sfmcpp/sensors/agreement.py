@@ -16,6 +16,7 @@ from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import LONGEST_PAUSE_S
 from sfmcpp.sensors.gps import local_positions
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2, travelled_distance
 from sfmcpp.sensors.stream import measured_at, segments
@@ -67,6 +68,10 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
                 _require_drivable(stream, turning)
 
 
+# Later ones count from 1970, so that the unit shows: by which factors, and to which share they must agree.
+_EPOCH_S, _UNITS, _SAME_TIME = 1e8, (1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9), 1e-3
+
+
 @checked()
 def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None:
     """Refuse a stream that covers none of the time of the images: its stamps are on another clock.
@@ -88,8 +93,34 @@ def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None
         return
     raise InvalidArgument(
         f"stream {stream.name!r} lasts from {start_s:.3f} to {end_s:.3f} s and the images from {first_s:.3f} "
-        f"to {last_s:.3f} s: must overlap; are both on the same clock? A clock offset of "
-        f"{first_s - start_s:.6f} s (--clock-offset) lets them start together"
+        f"to {last_s:.3f} s: must overlap; {_remedy(start_s, first_s)}"
+    )
+
+
+def describe_other_time(stream: SensorStream, time_s: float) -> list[str]:
+    """A sentence where a stream is more than a day from an image at `time_s` [s]: its times are others."""
+    start_s, end_s = float(stream.t_s[0]), float(stream.t_s[-1])
+    if start_s - LONGEST_PAUSE_S <= time_s <= end_s + LONGEST_PAUSE_S:
+        return []
+    return [
+        f"stream {stream.name!r} begins at {start_s:.3f} s, the images at {time_s:.3f} s: "
+        f"{_remedy(start_s, time_s)}"
+    ]
+
+
+def _remedy(start_s: float, first_s: float) -> str:
+    """What to do about a stream that starts at another time than the images [s]."""
+    if max(abs(start_s), abs(first_s)) > _EPOCH_S and start_s * first_s > 0:
+        for factor in _UNITS:
+            ratio = start_s / first_s
+            if abs(ratio / factor - 1) < _SAME_TIME:
+                return (
+                    f"its times are {factor:,.10g} times those of the images: check the units of both, as "
+                    "[s], [ms], [us] or [ns] in a header"
+                )
+    return (
+        f"are both on the same clock? A clock offset of {first_s - start_s:.6f} s (--clock-offset) lets them "
+        "start together"
     )
 
 

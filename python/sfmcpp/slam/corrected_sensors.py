@@ -1,4 +1,4 @@
-"""Sensors as they should have been: without what was wrong of them, and on a mounting that is right."""
+"""What an odometer shows by itself, and sensors without what was wrong of them, on the right mounting."""
 
 from __future__ import annotations
 
@@ -14,6 +14,21 @@ from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odomet
 
 # Those whose stream can be replaced.
 STAMPED = (Odometer, Gyroscope, Gps, Ins)
+# Jumps of a speed that are told one by one.
+_MOST_TOLD = 3
+
+
+def speed_jumps(odometer: Odometer) -> list[str]:
+    """A sentence for each stretch, one for all where there are many."""
+    stretches = odometer.doubtful_stretches
+    told = f"stream {odometer.stream.name!r}: the speed jumps by more than a vehicle can; "
+    if len(stretches) > _MOST_TOLD:
+        rule = "they are bridged by inertia or get no weight"
+        return [f"{told}in {len(stretches)} stretches, first {stretches[0]}, {rule}"]
+    return [
+        f"{told}{gap} it {'is bridged by inertia' if gap in odometer.carried_stretches else 'gets no weight'}"
+        for gap in stretches
+    ]
 
 
 def camera_steps(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:

@@ -26,7 +26,14 @@ from sfmcpp.sensors import (
     find_misalignment,
     without_bias,
 )
-from sfmcpp.slam.corrected_sensors import STAMPED, camera_steps, with_turned_mounting, without_stretches
+from sfmcpp.sensors.agreement import describe_other_time
+from sfmcpp.slam.corrected_sensors import (
+    STAMPED,
+    camera_steps,
+    speed_jumps,
+    with_turned_mounting,
+    without_stretches,
+)
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
@@ -35,8 +42,6 @@ from sfmcpp.slam.world_map import Keyframe
 _Answer = TypeVar("_Answer")
 # Biases that are no further apart are one [rad/s].
 _SAME_BIAS_RAD_S = float(np.radians(0.1))
-# Jumps of a speed that are told one by one.
-_MOST_TOLD = 3
 # Turns that a clock is compared by.
 _LAST_TURNS = 48
 
@@ -267,10 +272,18 @@ class SensorSuite:
 
     def remarks(self) -> list[str]:
         """What is wrong with the streams by themselves, a sentence each: gaps, and what leaps."""
-        doubts = [found for s in self.sensors if isinstance(s, Odometer) for found in _speed_jumps(s)]
+        doubts = [found for s in self.sensors if isinstance(s, Odometer) for found in speed_jumps(s)]
         leaps = [found for s in self.sensors if isinstance(s, Gps | Ins) for found in s.remarks()]
         leaps += [found for s in self.sensors if _has_rates(s) for found in describe_spikes(s.stream)]
         return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + leaps
+
+    def ends_s(self) -> dict[str, float]:
+        """Time of the last measurement of each sensor as it was given [s], by name."""
+        return {sensor.name: float(sensor.stream.t_s[-1]) for sensor in self._given}
+
+    def elsewhere(self, time_s: float) -> list[str]:
+        """Streams whose times are not those of the first image, a sentence each."""
+        return [found for s in self._given for found in describe_other_time(s.stream, time_s)]
 
     def shortcomings(self, start_s: float, end_s: float) -> list[str]:
         """What the streams lack of a run over these times, a sentence each."""
@@ -281,33 +294,37 @@ class SensorSuite:
 
         Of a gyroscope also its clock, its unit and its axes.
         """
-        learnt = [found for name, known in self._experience.items() for found in known.describe(name)]
         checks = {
             sensor.name: check_rotations(sensor.stream, sensor.mounting, vision)
             for sensor in self.sensors
             if isinstance(sensor, Gyroscope)
         }
-        biases = [
-            f"{name}: a bias of {np.degrees(np.linalg.norm(rate)):.1f}°/s is removed from its rates"
-            for name, rate in self._biases.items()
-        ]
         turned = [
             f"{name}: its directions differ by {np.degrees(so3.rotation_angle(turn)):.1f}° from those of the "
             "camera: check the declared mounting"
             for name, turn in self._misalignments().items()
         ]
+        found = [told for name, check in checks.items() if (told := check.complaint(name))]
+        return self._biased_and_dead(self._turns) + turned + self._conflicts() + found
+
+    def faults_so_far(self) -> list[str]:
+        """What can be told before the end: biases, what has been dead lately, conflicts."""
+        return self._biased_and_dead(self._turns[-MOST_TURNS:]) + self._conflicts()
+
+    def _conflicts(self) -> list[str]:
+        return [found for name, known in self._experience.items() for found in known.describe(name)]
+
+    def _biased_and_dead(self, turns: Sequence[Turn]) -> list[str]:
+        biases = [
+            f"{name}: a bias of {np.degrees(np.linalg.norm(rate)):.1f}°/s is removed from its rates"
+            for name, rate in self._biases.items()
+        ]
         dead = [
             f"{name}: it does not move for {stretch}, while the images do: is it dead?"
-            for name, stretches in self._dead_stretches().items()
+            for name, stretches in self._dead_stretches(turns).items()
             for stretch in stretches
         ]
-        return (
-            biases
-            + dead
-            + turned
-            + learnt
-            + [found for name, check in checks.items() if (found := check.complaint(name))]
-        )
+        return biases + dead
 
     def in_hindsight(self, vision: Trajectory) -> tuple[MotionSensor, ...] | None:
         """The sensors as they should have been from the start; None where the run has found nothing wrong.
@@ -320,7 +337,7 @@ class SensorSuite:
         misaligned = self._misalignments()
         of_motion = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gps | Ins)]
         # What a dead odometer has bent says nothing against the others.
-        wrong = self._dead_stretches() or {
+        wrong = self._dead_stretches(self._turns) or {
             name: (stretch,)
             for name, known in self._experience.items()
             if name in of_motion and (stretch := known.denied)
@@ -330,15 +347,15 @@ class SensorSuite:
         kept = [without_stretches(sensor, wrong.get(sensor.name, ())) for sensor in self.sensors]
         return tuple(with_turned_mounting(sensor, misaligned) for sensor in kept if sensor is not None)
 
-    def _dead_stretches(self) -> dict[str, tuple[Gap, ...]]:
+    def _dead_stretches(self, turns: Sequence[Turn]) -> dict[str, tuple[Gap, ...]]:
         """Where odometers stand still while pairs of images tell a step."""
         odometers = [sensor for sensor in self.sensors if isinstance(sensor, Odometer)]
-        found = {odometer.name: dead_stretches(odometer.stream, self._turns) for odometer in odometers}
+        found = {odometer.name: dead_stretches(odometer.stream, turns) for odometer in odometers}
         return {name: stretches for name, stretches in found.items() if stretches}
 
     def _misalignments(self) -> dict[str, FloatArray]:
         """Rotations of the camera against the mountings of odometers, where images determine them."""
-        dead = self._dead_stretches()
+        dead = self._dead_stretches(self._turns)
         odometers = [s for s in self.sensors if isinstance(s, Odometer) and s.name not in dead]
         steps = {odometer.name: camera_steps(odometer, self._turns[-MOST_TURNS:]) for odometer in odometers}
         return {name: turn for name, pair in steps.items() if (turn := find_misalignment(*pair)) is not None}
@@ -368,19 +385,6 @@ class SensorSuite:
         """Pose of the camera in the sensors' world."""
         answers = (s.at(time_s) for s in self.sensors if isinstance(s, Ins))
         return _first_not_none(answers)
-
-
-def _speed_jumps(odometer: Odometer) -> list[str]:
-    """A sentence for each stretch, one for all where there are many."""
-    stretches = odometer.doubtful_stretches
-    told = f"stream {odometer.stream.name!r}: the speed jumps by more than a vehicle can; "
-    if len(stretches) > _MOST_TOLD:
-        rule = "they are bridged by inertia or get no weight"
-        return [f"{told}in {len(stretches)} stretches, first {stretches[0]}, {rule}"]
-    return [
-        f"{told}{gap} it {'is bridged by inertia' if gap in odometer.carried_stretches else 'gets no weight'}"
-        for gap in stretches
-    ]
 
 
 def _has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:

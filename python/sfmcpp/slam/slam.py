@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Gap
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
-from sfmcpp.model.frames import Frame, View, common
+from sfmcpp.model.checks import require_finite, require_near
+from sfmcpp.model.frames import Frame, View, checked_view, common
 from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_last_frames
 from sfmcpp.slam.calibration import calibrate, check_positions
 from sfmcpp.slam.checkpoints import State
@@ -25,10 +28,13 @@ from sfmcpp.slam.registration import place_at_end, place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.track_numbers import TrackNumbers
 from sfmcpp.slam.world_map import WorldMap
 
 # No lens squeezes an image a tenth as much: a larger aspect, fy / fx, is a focal length.
 _LARGEST_ASPECT = 20.0
+# Keyframes after which faults of the sensors so far are told.
+_EVERY = 8
 
 
 class Clock:
@@ -88,20 +94,41 @@ class Slam:
         self._follower = Follower(intrinsics, self.settings, self._sensors)
         # The frames from the last keyframe on, and this one.
         self._lately: list[Frame] = []
+        self._tracks = TrackNumbers()
+        # What the warnings say of sensors so far; it is told anew at the end.
+        self._told: list[str] = []
 
     def state(self) -> State:
         """All that the next frames depend on; it changes with them."""
         start, sensors = self._initialiser and self._initialiser.state(), self._sensors.state()
-        return {"result": self.result, "lately": self._lately, "start": start, "sensors": sensors}
+        state = {"result": self.result, "lately": self._lately, "start": start, "sensors": sensors}
+        return {**state, "tracks": self._tracks.state(), "told": list(self._told), "run": self._run()}
 
     def restore(self, state: State) -> None:
-        """Go on from a state of a run over the same frames, with the same settings and sensors."""
+        """Go on from a state of a run over the same frames, with the same settings and sensors.
+
+        Raises
+        ------
+        InvalidArgument
+            If `state` is none, or of other intrinsics, settings or sensors, or sensors have measured less.
+        """
+        _require_same_run(state, self._run())
+        self._tracks.restore(state["tracks"])
+        self._told = state["told"]
         self.result, self._lately = state["result"], state["lately"]
         self._sensors.restore(state["sensors"])
         self._initialiser = None
         if state["start"] is not None:
             self._initialiser = self._new_initialiser()
             self._initialiser.restore(state["start"])
+
+    def _run(self) -> dict[str, Any]:
+        """What a run must have in common with one that goes on from its state."""
+        return {
+            "intrinsics": self._intrinsics.tolist(),
+            "settings": asdict(self.settings),
+            "sensors": self._sensors.ends_s(),
+        }
 
     def _new_initialiser(self) -> Initialiser:
         return Initialiser(self._intrinsics, self.settings, self._sensors)
@@ -112,7 +139,8 @@ class Slam:
         Raises
         ------
         InvalidArgument
-            If there is no such sensor, or they break a rule of :class:`SensorStream`.
+            If there is no such sensor, they break a rule of :class:`SensorStream`, or one comes more than a
+            day after the one before.
         """
         self._sensors.feed(name, t_s, values)
 
@@ -122,9 +150,13 @@ class Slam:
         Raises
         ------
         InvalidArgument
-            If its number or its time is not after that of the frame before, or the run has been finished.
+            If its number or its time is not after that of the frame before, or more than a day, the run has
+            been finished, a track is negative or there twice, or pixels have another shape or are not finite.
         """
         self._require_next(frame)
+        frame = replace(frame, view=self._tracks.renumbered(checked_view(frame.view)))
+        if not self.result.path.times:
+            self.result.warnings += self._sensors.elsewhere(frame.t_s)
         self.result.path.times[frame.number] = frame.t_s
         if self.result.world is None:
             self._start(frame)
@@ -148,6 +180,7 @@ class Slam:
     def finish(self) -> None:
         """Finish after the last frame: adjust all keyframes, and report faults of the sensors."""
         self._finished = True
+        self._tell([])
         unscaled = place_at_end(self.result, self._sensors, self.settings)
         finish_map(self.result, self.settings)
         times = list(self.result.path.times.values())
@@ -170,6 +203,7 @@ class Slam:
             raise InvalidArgument(f"frame {frame.number}: comes after finish(): must come before it")
         times = self.result.path.times
         if not times:
+            require_finite(f"frame {frame.number}: t_s", frame.t_s)
             return
         last = max(times)
         if frame.number <= last:
@@ -177,6 +211,7 @@ class Slam:
         if not frame.t_s > times[last]:
             rule = f"must be after {times[last]:.9g} s, that of {last}"
             raise InvalidArgument(f"frame {frame.number}: t_s = {frame.t_s:.9g} s, {rule}")
+        require_near(f"frame {frame.number}: t_s", times[last], frame.t_s)
 
     def _start(self, frame: Frame) -> None:
         initialiser = self._initialiser
@@ -276,7 +311,14 @@ class Slam:
         place_in_world(self.result, self._sensors, self.settings)
         self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s))
         calibrate(self.result, self._sensors, self.settings)
+        if len(world.keyframes) % _EVERY == 0:
+            self._tell(self._sensors.faults_so_far())
         self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
+
+    def _tell(self, faults: list[str]) -> None:
+        """Put faults of the sensors in the place of those that were told before."""
+        self.result.warnings = [told for told in self.result.warnings if told not in self._told] + faults
+        self._told = faults
 
     def _measure(self, frame: Frame, pose: FloatArray) -> list[Measurement]:
         return self._sensors.since(self._world.keyframes[-1], frame.t_s, pose, metric=self.result.metric)
@@ -285,6 +327,24 @@ class Slam:
     def _world(self) -> WorldMap:
         assert self.result.world is not None
         return self.result.world
+
+
+def _require_same_run(state: State, run: dict[str, Any]) -> None:
+    known = state.get("run")
+    if known is None:
+        raise InvalidArgument("state: must be what state() of a run has given")
+    for what in ("intrinsics", "settings"):
+        if known[what] != run[what]:
+            raise InvalidArgument(f"state: is of a run with other {what}, must be the same")
+    if list(known["sensors"]) != list(run["sensors"]):
+        names = [", ".join(sensors) or "none" for sensors in (known["sensors"], run["sensors"])]
+        raise InvalidArgument(
+            f"state: is of a run with the sensors {names[0]}, must be those here: {names[1]}"
+        )
+    for name, end_s in known["sensors"].items():
+        if run["sensors"][name] < end_s:
+            told = f"sensor {name!r} ends at {run['sensors'][name]:.3f} s"
+            raise InvalidArgument(f"state: {told}, must be fed what it had measured up to {end_s:.3f} s")
 
 
 def _require_intrinsics(row: FloatArray) -> None:

@@ -151,3 +151,11 @@ def test_a_bend_late_in_a_long_recording_is_looked_at() -> None:
     turning = SensorStream(t_s, np.tile([0.0, 0.0, 1.0], (len(t_s), 1)), "angular_rate", max_gap_s=6.0)
     with pytest.raises(InvalidArgument, match="across for a second"):
         require_agreement([speed, turning])
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3, 1e6, 1e9])
+def test_times_in_another_unit_are_named_instead_of_a_clock_offset(factor: float) -> None:
+    stream = SensorStream(factor * (1.3e9 + np.arange(5.0)), np.ones((5, 1)), "speed")
+    with pytest.raises(InvalidArgument, match=f"its times are {factor:,.10g} times those") as told:
+        require_overlap(stream, 1.3e9, 1.3e9 + 9)
+    assert "offset" not in str(told.value)

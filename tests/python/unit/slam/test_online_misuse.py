@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.frames import Frame, View
-from sfmcpp.slam import Slam
+from sfmcpp.model import SensorStream
+from sfmcpp.model.frames import Frame, RightView, View
+from sfmcpp.slam import Odometer, Slam, SlamSettings
 from slam_helpers import INTRINSICS
+from winding import winding
 
 VIEW = View(np.arange(3, dtype=np.int32), np.zeros((3, 2)))
 
@@ -46,3 +48,98 @@ def test_no_frame_comes_after_the_end() -> None:
     slam.finish()
     with pytest.raises(InvalidArgument, match=r"frame 1: comes after finish\(\)"):
         slam.step(Frame(1, 1.0, VIEW))
+
+
+SPEEDS = SensorStream(np.array([0.0, 0.1]), np.ones(2), "speed")
+
+
+@pytest.mark.parametrize(
+    ("view", "told"),
+    [
+        (View(np.array([0, -1, 2]), np.zeros((3, 2))), r"view\.tracks: -1 is negative"),
+        (View(np.array([4, 2, 4]), np.zeros((3, 2))), r"view\.tracks: track 4 is there twice"),
+        (View(np.arange(3.0), np.zeros((3, 2))), r"view\.tracks: dtype float64, must be integers"),
+        (View(np.zeros((3, 1), dtype=int), np.zeros((3, 2))), r"view\.tracks: shape \(3, 1\)"),
+        (View(np.arange(3), np.zeros((2, 3))), r"view\.pixels: shape \(2, 3\)"),
+        (View(np.arange(3), np.zeros((2, 2))), r"view\.pixels: shape \(2, 2\)"),
+        (View(np.arange(1), np.full((1, 2), np.nan)), r"view\.pixels"),
+        (View(np.arange(1), np.zeros((1, 2)), RightView(np.zeros((2, 2)), 0.5)), r"view\.right\.pixels"),
+        (View(np.arange(1), np.zeros((1, 2)), RightView(np.zeros((1, 2)), -1.0)), r"baseline_m = -1"),
+    ],
+)
+def test_views_that_are_none_are_refused_by_name(view: View, told: str) -> None:
+    slam = Slam(INTRINSICS)
+    with pytest.raises(InvalidArgument, match=told):
+        slam.step(Frame(0, 0.0, view))
+    assert not slam.result.path.times
+
+
+@pytest.mark.parametrize("far", [10**9, 2**40, 2**62])
+def test_large_track_numbers_and_any_order_give_the_same_poses(far: int) -> None:
+    drive, rng = winding(), np.random.default_rng(0)
+    plain, large = Slam(drive.sequence.intrinsics), Slam(drive.sequence.intrinsics)
+    number_of: dict[int, int] = {}
+    for frame in list(drive.sequence)[:60]:
+        plain.step(Frame(frame.number, frame.t_s, _numbered(frame.view, number_of, 0)))
+        order = rng.permutation(len(frame.view.tracks))
+        view = _numbered(frame.view, number_of, far)
+        large.step(Frame(frame.number, frame.t_s, View(view.tracks[order], view.pixels[order])))
+    assert large.result.poses.keys() == plain.result.poses.keys()
+    assert all(np.array_equal(large.result.poses[k], pose) for k, pose in plain.result.poses.items())
+
+
+def _numbered(view: View, number_of: dict[int, int], far: int) -> View:
+    """With tracks in the order of their coming."""
+    tracks = [number_of.setdefault(track, len(number_of)) for track in view.tracks.tolist()]
+    return View(np.array(tracks, dtype=np.int64) + far, view.pixels)
+
+
+def test_one_stamp_in_nanoseconds_is_refused_and_the_run_goes_on() -> None:
+    slam = Slam(INTRINSICS, sensors=[Odometer(SPEEDS)])
+    slam.step(Frame(0, 0.0, VIEW))
+    with pytest.raises(InvalidArgument, match=r"frame 1: t_s = 100000000 s: must be within a day"):
+        slam.step(Frame(1, 1e8, VIEW))
+    slam.step(Frame(1, 0.1, VIEW))
+    with pytest.raises(InvalidArgument, match=r"'speed': t_s = 200000000 s: must be within a day of 0\.1 s"):
+        slam.feed("odometer", np.array([2e8]), np.ones((1, 1)))
+    slam.feed("odometer", np.array([0.2]), np.ones((1, 1)))
+    with pytest.raises(InvalidArgument, match="frame 2: t_s"):
+        slam.step(Frame(2, np.nan, VIEW))
+
+
+def test_streams_of_another_unit_are_told_at_the_first_frame() -> None:
+    late = SensorStream(1.3e12 + np.array([0.0, 100.0]), np.ones(2), "speed")
+    slam = Slam(INTRINSICS, sensors=[Odometer(late)])
+    slam.step(Frame(0, 1.3e9, VIEW))
+    (told,) = slam.result.warnings
+    assert "its times are 1,000 times those of the images" in told
+
+
+def test_a_state_of_another_run_is_refused() -> None:
+    state = Slam(INTRINSICS, sensors=[Odometer(SPEEDS)]).state()
+    wide = INTRINSICS * [2, 1, 1, 1, 1]
+    short = SensorStream(SPEEDS.t_s[:1], SPEEDS.values[:1], "speed")
+    for other, told in [
+        (Slam(wide, sensors=[Odometer(SPEEDS)]), "other intrinsics"),
+        (Slam(INTRINSICS, SlamSettings(seed=3), [Odometer(SPEEDS)]), "other settings"),
+        (Slam(INTRINSICS), "with the sensors odometer, must be those here: none"),
+        (Slam(INTRINSICS, sensors=[Odometer(short)]), "must be fed what it had measured up to 0.100 s"),
+    ]:
+        with pytest.raises(InvalidArgument, match=told):
+            other.restore(state)
+    with pytest.raises(InvalidArgument, match=r"must be what state\(\)"):
+        Slam(INTRINSICS).restore({"frames": []})
+    Slam(INTRINSICS, sensors=[Odometer(SPEEDS)]).restore(state)
+
+
+def test_a_fault_is_told_while_the_run_goes() -> None:
+    drive = winding()
+    values = np.where(drive.odometer.t_s[:, None] < 5.0, drive.odometer.values, 0.0)
+    dead = SensorStream(drive.odometer.t_s, values, drive.odometer.kind)
+    slam, before_end = Slam(drive.sequence.intrinsics, sensors=[Odometer(dead)]), []
+    for frame in drive.sequence:
+        slam.step(frame)
+        before_end += [told for told in slam.result.warnings if "is it dead?" in told]
+    slam.finish()
+    assert before_end
+    assert len([told for told in slam.result.warnings if "is it dead?" in told]) == 1
