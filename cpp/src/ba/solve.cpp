@@ -70,8 +70,8 @@ bool are_finite(std::span<const double> numbers) {
   return std::ranges::all_of(numbers, [](double x) { return std::isfinite(x); });
 }
 
-constexpr const char* kResidual = "its squared residual is not a finite number";
-constexpr const char* kDerivative = "a derivative of its residual is not a finite number";
+constexpr const char* kUnsoundResidual = "its squared residual is not a finite number";
+constexpr const char* kUnsoundDerivative = "a derivative of its residual is not a finite number";
 
 // The first of those that have numbers which are not finite, and how many there are.
 struct Unsound {
@@ -82,7 +82,7 @@ struct Unsound {
     if (std::isfinite(squared) && derivatives_are_finite) return;
     if (count++ > 0 && first < number) return;
     first = number;
-    what = std::isfinite(squared) ? kDerivative : kResidual;
+    what = std::isfinite(squared) ? kUnsoundDerivative : kUnsoundResidual;
   }
 };
 
