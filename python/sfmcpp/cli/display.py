@@ -135,7 +135,8 @@ def _why(summary: Summary) -> str:
 def _forecast(forecast: LinearSolverForecast) -> str:
     seconds = forecast.seconds
     time = f"{seconds:.2g} s" if seconds >= 1 else f"{1e3 * seconds:.2g} ms"
-    return f"{forecast.solver} {time} and {forecast.bytes / 1e6:.0f} MB"
+    with_blocks = " with S in blocks" if forecast.iterations and "blocks" in forecast.work_of_step else ""
+    return f"{forecast.solver}{with_blocks} {time} and {forecast.bytes / 1e6:.0f} MB"
 
 
 class RecentIterations:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -266,3 +267,13 @@ def test_the_forecast_of_a_step_is_told_once(tmp_path: Path, solver: str) -> Non
     (line,) = (line for line in told.splitlines() if "dense" in line and " MB" in line)
     assert line.startswith("linear solver")
     assert line.count("predicted for a step") == 1
+
+
+def test_each_forecast_has_a_name_of_its_own(tmp_path: Path) -> None:
+    source = tmp_path / "city.npz"
+    sfmcpp.write(sfmcpp.city_blocks_scene(300, seed=0), source)
+    told = run("solve", source, "--max-iterations", "1").stdout
+    text = " ".join(told.split("linear solver", 1)[1].split("seconds", 1)[0].split())
+    names = re.findall(r"(?:: |, )([a-z][^,:]*?) [\d.e+]+ m?s and", text)
+    assert len(names) == len(set(names)) > 2
+    assert "iterative with S in blocks" in names
