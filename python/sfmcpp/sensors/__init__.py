@@ -29,7 +29,7 @@ from sfmcpp.sensors.odometer import (
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
 from sfmcpp.sensors.position_jumps import displaced_positions, without_leaps
 from sfmcpp.sensors.rate_bias import MOST_TURNS, find_bias, without_bias
-from sfmcpp.sensors.rate_spikes import describe_spikes, rate_spikes
+from sfmcpp.sensors.rate_spikes import describe_spikes, rate_spikes, without_spikes
 from sfmcpp.sensors.registration import (
     Registration,
     register_by_distances,
@@ -99,4 +99,5 @@ __all__ = [
     "travelled_distance",
     "without_bias",
     "without_leaps",
+    "without_spikes",
 ]

@@ -25,6 +25,7 @@ from sfmcpp.sensors import (
     find_bias,
     find_misalignment,
     without_bias,
+    without_spikes,
 )
 from sfmcpp.sensors.agreement import describe_other_time
 from sfmcpp.slam.corrected_sensors import (
@@ -71,6 +72,7 @@ class SensorSuite:
         self.steps: list[Turn] = []
         # Whether no clock is in doubt any more.
         self._in_time = not any(isinstance(sensor, Gyroscope) for sensor in self.sensors)
+        self._apply_corrections()
 
     def state(self) -> dict[str, Any]:
         """State gained from the keyframes so far, for checkpoints."""
@@ -244,10 +246,10 @@ class SensorSuite:
             self._biases[name] = found
 
     def _apply_corrections(self) -> None:
-        """Make the sensors those given, but for their clocks and biases."""
+        """Make the sensors those given, but for their clocks, spikes and biases."""
         self.sensors = tuple(
             replace(sensor, stream=self._corrected(sensor.name, sensor.stream))
-            if isinstance(sensor, STAMPED) and {sensor.name} & {*self._moved_s, *self._biases}
+            if _has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self._moved_s)
             else sensor
             for sensor in self._given
         )
@@ -258,8 +260,10 @@ class SensorSuite:
         return in_step if known is None else without_bias(in_step, known)
 
     def _on_camera_clock(self, name: str, stream: SensorStream) -> SensorStream:
-        """A stream on the clock of the camera, as far as it is known."""
-        return stream.shifted(self._moved_s.get(name, 0.0))
+        """A stream on the clock of the camera, as far as it is known; rates without their spikes."""
+        sound = without_spikes(stream) if stream.kind == "angular_rate" else stream
+        moved_s = self._moved_s.get(name)
+        return sound if moved_s is None else sound.shifted(moved_s)
 
     def _forget_experience(self, names: Collection[str]) -> None:
         """Discard the knowledge about sensors that have been corrected."""
@@ -274,7 +278,7 @@ class SensorSuite:
         """What is wrong with the streams by themselves, a sentence each: gaps, and what leaps."""
         doubts = [found for s in self.sensors if isinstance(s, Odometer) for found in speed_jumps(s)]
         leaps = [found for s in self.sensors if isinstance(s, Gps | Ins) for found in s.remarks()]
-        leaps += [found for s in self.sensors if _has_rates(s) for found in describe_spikes(s.stream)]
+        leaps += [found for s in self._given if _has_rates(s) for found in describe_spikes(s.stream)]
         return describe_gaps([sensor.stream for sensor in self.sensors]) + doubts + leaps
 
     def ends_s(self) -> dict[str, float]:

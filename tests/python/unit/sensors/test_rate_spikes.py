@@ -7,7 +7,7 @@ import pytest
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import describe_spikes, rate_spikes
+from sfmcpp.sensors import describe_spikes, rate_spikes, without_spikes
 
 T_S = 0.1 * np.arange(200)
 
@@ -27,6 +27,8 @@ def stream_of(values: np.ndarray) -> SensorStream:
 def test_honest_rates_have_none(noise_deg_s: float) -> None:
     assert not rate_spikes(stream_of(rates(noise_deg_s))).any()
     assert describe_spikes(stream_of(rates(noise_deg_s))) == []
+    honest = stream_of(rates(noise_deg_s))
+    assert without_spikes(honest) is honest
 
 
 def test_a_bend_that_begins_at_once_is_none() -> None:
@@ -44,6 +46,10 @@ def test_samples_that_leap_away_and_back_are_found(rows: list[int]) -> None:
     (told,) = describe_spikes(stream)
     assert f"{len(rows)} of 200 rates leap away and back within a sample" in told
     assert f"first at {T_S[rows[0]]:.3f} s" in told
+    mended = without_spikes(stream).values
+    others = np.setdiff1d(np.arange(200), rows)
+    np.testing.assert_array_equal(mended[others], values[others])
+    assert np.abs(mended - rates()).max() < np.radians(3)
 
 
 def test_neighbours_across_a_gap_tell_nothing() -> None:

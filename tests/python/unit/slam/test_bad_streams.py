@@ -106,6 +106,18 @@ def test_a_sensor_that_covers_no_interval_changes_no_bit(seed: int) -> None:
     require_same_poses(result, alone(seed))
 
 
+def test_a_rate_that_leaps_away_and_back_is_told_and_costs_nothing() -> None:
+    drive = winding(seed=0)
+    values = drive.gyro.values.copy()
+    values[len(values) // 2] += [0.0, 3.0, 0.0]
+    sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
+    honest = run_slam(drive.sequence, sensors=sensors)
+    spiked = Gyroscope(replace(drive.gyro, values=values), AT_CAMERA)
+    result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer), spiked])
+    assert [w for w in result.warnings if "1 of" in w and "leap away and back within a sample" in w]
+    assert drive.errors(result)[0] < 1.05 * drive.errors(honest)[0] + 0.01
+
+
 @pytest.mark.parametrize(
     ("spoil", "mounting", "told"),
     [
