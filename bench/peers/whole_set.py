@@ -3,10 +3,10 @@
     python bench/peers/whole_set.py [--out DIR] [--data DIR] [--repeats 3] [--cameras 50,100,200,500]
                                     [--only sfmcpp,ceres] [--tuning-repeats 1] [--extra FILE …]
 
-The set: `bal/*` of the folder of real data, the extra files (of any format that sfmcpp reads and BAL can
-hold), and synthetic cities and photo collections of 50 to 500 cameras. Each file is compared by the rules of
-`compare.py`; results are kept in DIR by commit, and a file that is there is not run again. Ratios are the
-peer's seconds to 1e-3 over ours, of the best of its linear solvers.
+The set: `bal/*`, `dbat_roma` and `malaga` of the folder of real data, the extra files (of any format that
+sfmcpp reads and BAL can hold), and synthetic cities and photo collections of 50 to 500 cameras. Each file is
+compared by the rules of `compare.py`; results are kept in DIR by commit, and a file that is there is not run
+again. Ratios are the peer's seconds to 1e-3 over ours, of the best of its linear solvers.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import Any
 
 import compare
 from harness.summary import MEGABYTE
+from real_blocks import real_block_files
 
 BENCH = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SFMCPP_DATA", BENCH.parents[1] / "shared" / "data"))
@@ -60,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     folder = args.out / commit()
     folder.mkdir(parents=True, exist_ok=True)
-    files = [*sorted((args.data / "bal").glob("*.txt*")), *args.extra, *synthetic_files(args)]
+    scenes = args.scenes or args.out / "scenes"
+    real = [*sorted((args.data / "bal").glob("*.txt*")), *real_block_files(args.data, scenes)]
+    files = [*real, *args.extra, *synthetic_files(args.cameras, scenes)]
     for path in files:
         if not (folder / f"{compare.stem(path)}.json").exists():
             compare.main([str(path), "--out", str(folder), *passed_on(args)])
@@ -97,12 +100,11 @@ def passed_on(args: argparse.Namespace) -> list[str]:
     return [part for name in names for part in (f"--{name.replace('_', '-')}", str(getattr(args, name)))]
 
 
-def synthetic_files(args: argparse.Namespace) -> list[Path]:
+def synthetic_files(cameras: str, folder: Path) -> list[Path]:
     """Cities and photo collections with a poor start, made once."""
     from scaling.cases import scene_of
 
-    folder = args.scenes or args.out / "scenes"
-    counts = [int(count) for count in args.cameras.split(",") if count.strip()]
+    counts = [int(count) for count in cameras.split(",") if count.strip()]
     shapes = (("city-blocks", "city"), ("photo-collection", "photos"))
     return [scene_of(shape, stem, count).path(folder) for shape, stem in shapes for count in counts]
 
