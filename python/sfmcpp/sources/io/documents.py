@@ -15,9 +15,10 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
 
 DOCUMENTS = (".yaml", ".yml", ".xml")
-# OpenCV's first line, which YAML spells otherwise.
 _LARGEST_BYTES = 1 << 20
 _DEEPEST = 50
+_TOO_DEEP = f"nests more than {_DEEPEST} parts"
+# OpenCV's first line, which YAML spells otherwise.
 _OPENCV_DIRECTIVE = re.compile(rb"\A%YAML:[\d.]+")
 
 
@@ -101,7 +102,11 @@ def _read_yaml(path: Path, data: bytes) -> Node:
         return _node_of_yaml(path, yaml, root)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        raise DatasetError(path, f"is no YAML: {error.problem}", mark.line + 1 if mark else None) from None
+        line = mark.line + 1 if mark else None
+        # libyaml has a limit of its own, since 0.2.6, and reads ahead of the events it returns.
+        if "nesting depth" in str(error.problem):
+            raise DatasetError(path, _TOO_DEEP, line) from None
+        raise DatasetError(path, f"is no YAML: {error.problem}", line) from None
     except (yaml.YAMLError, UnicodeError, RecursionError) as error:
         raise DatasetError(path, f"is no YAML: {str(error).splitlines()[0]}") from None
 
@@ -115,7 +120,7 @@ def _require_plain(path: Path, yaml: ModuleType, events: Iterable[Any]) -> None:
             raise DatasetError(path, f"alias {event.anchor!r}: must be written out", line)
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > _DEEPEST:
-            raise DatasetError(path, f"nests more than {_DEEPEST} parts", line)
+            raise DatasetError(path, _TOO_DEEP, line)
 
 
 def _load_yaml(path: Path) -> ModuleType:
