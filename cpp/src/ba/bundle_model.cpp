@@ -110,8 +110,11 @@ long BundleModel::hold_back(const State& start, State& candidate) {
   return images_.single_observations() ? held_.hold_back(start, candidate) : 0;
 }
 
-long BundleModel::refit(const linear::Step& step, double cost, State& candidate) {
-  return images_.single_observations() ? refits_.refit(normal_, step, cost, candidate) : 0;
+long BundleModel::refit(const State& start,
+                        const linear::Step& step,
+                        double cost,
+                        State& candidate) {
+  return images_.single_observations() ? refits_.refit(start, normal_, step, cost, candidate) : 0;
 }
 
 double BundleModel::linearize(const State& state) {

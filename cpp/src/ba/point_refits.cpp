@@ -8,6 +8,7 @@
 
 #include "sfmcpp/cameras/camera_model.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
+#include "view_rays.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -18,6 +19,8 @@ using residuals::kReadAhead;
 
 // The second order of a point matters from this share of what a point costs in the mean on.
 constexpr double kLeastShareOfCost = 1e-4;
+// Points are triangulated that cost more than so many others with as many observations.
+constexpr double kPoorFit = 4.0;
 constexpr int kMostPasses = 6;
 // Of the normal equations of a point; times the other for each step that has failed.
 constexpr double kDamping = 1e-4, kRaised = 100.0;
@@ -30,6 +33,11 @@ struct Fit {
   PointBlock block{};
   double cost = 0.0;
 };
+
+// A cost that is no number is more than any.
+bool costs_less(const Fit& fit, const Fit& other) {
+  return fit.cost < other.cost || (std::isnan(other.cost) && !std::isnan(fit.cost));
+}
 
 // δᵀVδ
 double squared_move(const PointBlock& v, const double* d) {
@@ -104,6 +112,23 @@ class Views {
     for (int k = 0; k < count_; ++k) add(records_.data() + long{kRecord} * k, fits[point_[k]]);
   }
 
+  // Where the rays of point p are closest to each other; in a projective world as it was.
+  void triangulate(int p, double* place) const {
+    const linear::ObservationGraph& graph = images_.graph();
+    visit_camera(images_.problem().camera_model, [&](auto camera) {
+      using Camera = decltype(camera);
+      if constexpr (Camera::kMetric) {
+        ClosestPlace closest;
+        for (int e = graph.point_begin[p]; e < graph.point_begin[p + 1]; ++e)
+          closest.add(ray_of<Camera>(images_, state_, graph.of_point[e]), 1.0);
+        const Eigen::Vector3d meeting = closest.place();
+        std::copy_n(meeting.data(), 3, place);
+      }
+    });
+  }
+
+  int num_views(int p) const { return images_.graph().observations_of_point(p); }
+
  private:
   void gather(std::span<const int> points) {
     const linear::ObservationGraph& graph = images_.graph();
@@ -163,35 +188,71 @@ class Pass {
         points_(points),
         state_(state),
         views_(images, state, points) {
-    for (int p : points) places_.insert(places_.end(), place_of(p), place_of(p) + size_);
+    places_ = places_in(state);
+    views_.fit(kernel_, places_, here_);
+  }
+
+  // To where they were in `start`, those that cost less there: what a step has thrown through the
+  // plane of a camera, or beyond infinity, no step of its own brings back.
+  void return_to(const State& start) { take_better(places_in(start)); }
+
+  // To where their rays meet, those that cost more than `most` an observation, and less there.
+  void triangulate(double most) {
+    std::vector<double> places = places_in(state_);
+    bool any = false;
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (here_[i].cost <= most * views_.num_views(points_[i])) continue;
+      views_.triangulate(points_[i], places.data() + size_ * i);
+      any = true;
+    }
+    if (any) take_better(places);
   }
 
   // `tries`, by point: how often in a row it has failed, plus one; 0 where the next step promises
   // less than `least`.
-  void run(double least, char* tries) {
-    views_.fit(kernel_, places_, here_);
+  void step(double least, char* tries) {
     for (std::size_t i = 0; i < points_.size(); ++i) propose(i, tries[points_[i]]);
     views_.fit(kernel_, places_, there_);
     for (std::size_t i = 0; i < points_.size(); ++i) judge(i, least, tries[points_[i]]);
   }
 
  private:
-  double* place_of(int p) { return state_.points.data() + static_cast<long>(size_) * p; }
+  double* state_place(std::size_t i) {
+    return state_.points.data() + size_ * static_cast<std::size_t>(points_[i]);
+  }
+
+  void take_better(const std::vector<double>& places) {
+    views_.fit(kernel_, places, there_);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (!costs_less(there_[i], here_[i])) continue;
+      here_[i] = there_[i];
+      std::copy_n(places.data() + size_ * i, size_, state_place(i));
+    }
+  }
+
+  std::vector<double> places_in(const State& state) const {
+    std::vector<double> places;
+    places.reserve(size_ * points_.size());
+    for (int p : points_) {
+      const double* place = state.points.data() + size_ * static_cast<std::size_t>(p);
+      places.insert(places.end(), place, place + size_);
+    }
+    return places;
+  }
 
   void propose(std::size_t i, int tries) {
     double delta[kPointTangent];
     gauss_newton(here_[i].block, kDamping * std::pow(kRaised, tries - 1), delta);
-    plus_point(model_, place_of(points_[i]), delta, places_.data() + size_ * i);
+    plus_point(model_, state_place(i), delta, places_.data() + size_ * i);
   }
 
-  // A cost that is no number is worse than any.
   void judge(std::size_t i, double least, char& tries) {
-    if (!(there_[i].cost < here_[i].cost)) {
+    if (!costs_less(there_[i], here_[i])) {
       ++tries;
       return;
     }
     double delta[kPointTangent];
-    std::copy_n(places_.data() + size_ * i, size_, place_of(points_[i]));
+    std::copy_n(places_.data() + size_ * i, size_, state_place(i));
     tries = gauss_newton(there_[i].block, kDamping, delta) > least;
   }
 
@@ -213,25 +274,34 @@ PointRefits::PointRefits(const ImageResiduals& images, const std::vector<char>& 
       kernel_(residuals::place_kernel(images.problem().camera_model)),
       inverse_variance_(images.mean_inverse_variance()) {}
 
-long PointRefits::refit(const linear::NormalEquations& normal,
+long PointRefits::refit(const State& start,
+                        const linear::NormalEquations& normal,
                         const linear::Step& step,
                         double cost,
                         State& candidate) const {
-  const double least =
-      kLeastShareOfCost * 2.0 * cost / images_.exchange().sum(images_.graph().num_points);
+  std::array<double, 2> count{static_cast<double>(images_.graph().num_points),
+                              static_cast<double>(images_.graph().num_observations())};
+  images_.exchange().sum(count);
+  const double least = kLeastShareOfCost * 2.0 * cost / count[0];
+  const double poor = kPoorFit * 2.0 * cost / count[1];
   std::vector<char> tries(static_cast<std::size_t>(images_.graph().num_points));
   mark_beyond_model(
       normal, step, least, inverse_variance_ * mean_squared_focal(candidate), tries.data());
   std::vector<int> points = marked(tries);
-  const double count = images_.exchange().sum(static_cast<double>(points.size()));
+  const double refitted = images_.exchange().sum(static_cast<double>(points.size()));
   for (int pass = 0; pass < kMostPasses && !points.empty(); ++pass, points = marked(tries)) {
     images_.pool().parallel_for_parts(
         static_cast<long>(points.size()), kRefitsPerTask, [&](long begin, long end) {
           const std::span<const int> mine = std::span(points).subspan(begin, end - begin);
-          Pass(kernel_, images_, mine, candidate).run(least, tries.data());
+          Pass fits(kernel_, images_, mine, candidate);
+          if (pass == 0) {
+            fits.return_to(start);
+            fits.triangulate(poor);
+          }
+          fits.step(least, tries.data());
         });
   }
-  return std::lround(count);
+  return std::lround(refitted);
 }
 
 void PointRefits::mark_beyond_model(const linear::NormalEquations& normal,

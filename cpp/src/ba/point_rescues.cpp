@@ -9,9 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include <Eigen/Dense>
-
-#include "sfmcpp/cameras/visit_camera.hpp"
+#include "view_rays.hpp"
 
 namespace sfmcpp::ba {
 namespace {
@@ -29,10 +27,6 @@ constexpr int kSupport = 3;
 // of two views meet, the others may be off by more than the scale.
 constexpr std::array kWidths = {4.0, 2.0, 1.0, 1.0};
 constexpr int kPointsPerTask = 16;
-
-struct Ray {
-  Vector3d from, along;  // depth grows by one
-};
 
 using Pairs = std::vector<std::pair<int, int>>;
 
@@ -81,7 +75,7 @@ class Search {
 
   // A place that costs less than `most`, and on which enough views agree.
   std::optional<Vector3d> best(const Vector3d& start, double most) {
-    for (int view : views_) rays_.push_back(ray(view));
+    for (int view : views_) rays_.push_back(ray_of<Camera>(images_, state_, view));
     most_ = most;
     take_near(start);
     for (const auto& [a, b] : pairs_of(static_cast<int>(rays_.size()))) {
@@ -138,32 +132,12 @@ class Search {
   // Where the rays of the views that agree on a place, the one looked at, are closest to each
   // other, as seen from them.
   Vector3d meeting_near(const Vector3d& place, double width) const {
-    Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
-    Vector3d rhs = Vector3d::Zero();
+    ClosestPlace closest;
     for (std::size_t k = 0; k < rays_.size(); ++k) {
-      if (!agrees(squares_[k], width)) continue;
-      const Vector3d along = rays_[k].along.normalized();
-      const Eigen::Matrix3d across = (Eigen::Matrix3d::Identity() - along * along.transpose()) /
-                                     (place - rays_[k].from).squaredNorm();
-      sum += across;
-      rhs += across * rays_[k].from;
+      if (agrees(squares_[k], width))
+        closest.add(rays_[k], 1.0 / (place - rays_[k].from).squaredNorm());
     }
-    return sum.ldlt().solve(rhs);
-  }
-
-  Ray ray(int view) const {
-    static constexpr std::array<double, 32> kNoChange{};
-    const Problem& problem = images_.problem();
-    const int camera = images_.graph().camera[view];
-    const double* pose = state_.cameras.data() + problem.camera_offset(camera);
-    const double* intrinsics = state_.intrinsics.data() + problem.intrinsics_offset(camera);
-    double u, v;
-    Camera::undistort(intrinsics, images_.u()[view], images_.v()[view], u, v);
-    MatrixAndChange projection;
-    Camera::matrix(pose, intrinsics, kNoChange.data(), kNoChange.data(), projection);
-    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(projection.matrix);
-    return {{pose[3], pose[7], pose[11]},
-            matrix.template leftCols<3>().inverse() * Vector3d(u, v, 1.0)};
+    return closest.place();
   }
 
   const ImageResiduals& images_;

@@ -185,7 +185,8 @@ class Minimizer {
   }
 
   void refit_points() {
-    now_.refitted_points = model_.refit(step_, std::min(cost_, candidate_cost_), candidate_);
+    now_.refitted_points =
+        model_.refit(state_, step_, std::min(cost_, candidate_cost_), candidate_);
     if (now_.refitted_points == 0) return;
     candidate_cost_ = unit_cost_ = model_.cost(candidate_);
     ++now_.cost_evaluations;

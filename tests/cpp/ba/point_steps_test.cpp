@@ -49,6 +49,34 @@ class PointsOfAllModels : public testing::TestWithParam<CameraModelId> {
     double* to = candidate.points.data() + work.problem.point_offset(point);
     for (int k = 0; k < 3; ++k) to[k] += k == 0 ? 30.0 : 20.0;
   }
+  // Past infinity: to the other side of the first camera that sees it, far away.
+  static void throw_behind(const support::LinearizedProblem& work, int point, State& state) {
+    const Eigen::Vector3d centre = centre_of_first_camera(work, point, state);
+    double* place = state.points.data() + work.problem.point_offset(point);
+    for (int k = 0; k < 3; ++k) place[k] = centre[k] - 100.0 * (place[k] - centre[k]);
+  }
+  // Whether a point is on the side of that camera on which it is in the other state.
+  static bool is_on_side_of(const support::LinearizedProblem& work,
+                            int point,
+                            const State& state,
+                            const State& other) {
+    const Eigen::Vector3d centre = centre_of_first_camera(work, point, state);
+    const std::size_t at = work.problem.point_offset(point);
+    const Eigen::Map<const Eigen::Vector3d> here(state.points.data() + at);
+    const Eigen::Map<const Eigen::Vector3d> there(other.points.data() + at);
+    return (here - centre).dot(there - centre) > 0.0;
+  }
+
+ private:
+  static Eigen::Vector3d centre_of_first_camera(const support::LinearizedProblem& work,
+                                                int point,
+                                                const State& state) {
+    const int camera = work.graph.camera[work.graph.of_point[work.graph.point_begin[point]]];
+    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> pose(
+        state.cameras.data() + work.problem.camera_offset(camera));
+    if (is_metric(work.problem.camera_model)) return pose.col(3);
+    return -pose.leftCols<3>().inverse() * pose.col(3);
+  }
 };
 
 TEST_P(PointsOfAllModels, NoPointIsHeldBackWhereEachGains) {
@@ -115,7 +143,7 @@ TEST_P(PointsOfAllModels, RefittedPointsAreWhereFixedCamerasWantThem) {
   linear::Step step;
   State candidate = stepped(work, step);
   const State before = candidate;
-  EXPECT_EQ(work.model.refit(step, 0.0, candidate), work.problem.num_points());
+  EXPECT_EQ(work.model.refit(work.state, step, 0.0, candidate), work.problem.num_points());
   EXPECT_EQ(candidate.cameras, before.cameras);
   EXPECT_EQ(candidate.intrinsics, before.intrinsics);
   for (int p = 0; p < work.problem.num_points(); p += 7)
@@ -148,7 +176,7 @@ TEST_P(PointsOfAllModels, OnlyAPointThatLeavesTheModelIsRefitted) {
   work.model.plus(work.state, step, {}, candidate);
   const State before = candidate;
   const double cost = work.model.cost(candidate);
-  EXPECT_EQ(work.model.refit(step, cost, candidate), 1);
+  EXPECT_EQ(work.model.refit(work.state, step, cost, candidate), 1);
   EXPECT_LT(cost_of_point(work, candidate, kFar), cost_of_point(work, before, kFar));
   const int size = work.problem.point_storage();
   for (int k = 0; k < static_cast<int>(before.points.size()); ++k) {
@@ -156,6 +184,38 @@ TEST_P(PointsOfAllModels, OnlyAPointThatLeavesTheModelIsRefitted) {
       ASSERT_EQ(candidate.points[k], before.points[k]);
     }
   }
+}
+
+// From behind the cameras no fit brings a point back: its cost falls towards infinity.
+TEST_P(PointsOfAllModels, APointThatAStepThrowsBehindTheCamerasIsFittedFromWhereItWas) {
+  support::LinearizedProblem work(scene());
+  linear::Step step;
+  State candidate = stepped(work, step);
+  const State before = candidate;
+  constexpr int kThrown = 17;
+  throw_behind(work, kThrown, candidate);
+  for (int k = 0; k < 3; ++k) step.point[3 * kThrown + k] = 10.0;
+  work.model.refit(work.state, step, work.model.cost(before), candidate);
+  EXPECT_LE(cost_of_point(work, candidate, kThrown),
+            1.01 * cost_of_point(work, work.state, kThrown));
+  EXPECT_TRUE(is_on_side_of(work, kThrown, candidate, before));
+}
+
+TEST_P(PointsOfAllModels, APointThatHasBeenBehindTheCamerasIsTriangulated) {
+  if (!is_metric(GetParam())) GTEST_SKIP() << "rays of a projective world have no front";
+  support::OwnedProblem owned = scene();
+  constexpr int kLost = 17;
+  support::LinearizedProblem right(owned);
+  State lost = right.state;
+  throw_behind(right, kLost, lost);
+  owned.points = lost.points;
+  support::LinearizedProblem work(owned);
+  linear::Step step;
+  State candidate = stepped(work, step);
+  for (int k = 0; k < 3; ++k) step.point[3 * kLost + k] = 10.0;
+  work.model.refit(work.state, step, right.model.cost(right.state), candidate);
+  EXPECT_LT(cost_of_point(work, candidate, kLost), 0.1 * cost_of_point(work, work.state, kLost));
+  EXPECT_TRUE(is_on_side_of(work, kLost, candidate, right.state));
 }
 
 INSTANTIATE_TEST_SUITE_P(All,

@@ -66,7 +66,10 @@ class BundleModel final : public optim::LeastSquaresModel {
   bool come_back(optim::State& state) override;
   void keep(optim::Archive& archive) override;
 
-  long refit(const linear::Step& step, double cost, optim::State& candidate) override;
+  long refit(const optim::State& start,
+             const linear::Step& step,
+             double cost,
+             optim::State& candidate) override;
 
   const ImageResiduals& images() const { return images_; }
   const ConstraintTerms& constraints() const { return constraints_; }

@@ -8,6 +8,9 @@
 // unknowns. A step δ moves the images of a point by √(δᵀVδ) in all; of that, as much is of second
 // order as the point has moved beside its distance. With tr V = 2n f²/z² for n images at a distance
 // z that is |δ| √(tr V / 2n) / f, in radians. Weights of a robust loss change with every move.
+//
+// From behind a camera or beyond infinity no fit brings a point back, as its cost falls towards
+// infinity on that side. So each is fitted from the best of several places.
 #pragma once
 
 #include <vector>
@@ -23,10 +26,12 @@ class PointRefits {
   // The references must outlive this object. `movable`: per point, whether it is one of these.
   PointRefits(const ImageResiduals& images, const std::vector<char>& movable);
 
-  // Fits such points of the candidate of `step`, a step from where `normal` was filled; none costs
-  // more than before. How many there are, over all ranks: those for which the second order matters
-  // beside what one point has of `cost`.
-  long refit(const linear::NormalEquations& normal,
+  // Fits such points of the candidate of `step`, a step from `start`, where `normal` was filled:
+  // from where it has brought them, from where they were or, those that fit poorly, from where
+  // their rays meet, whichever costs least. None costs more than before. How many there are, over
+  // all ranks: those for which the second order matters beside what one point has of `cost`.
+  long refit(const optim::State& start,
+             const linear::NormalEquations& normal,
              const linear::Step& step,
              double cost,
              optim::State& candidate) const;

@@ -54,10 +54,15 @@ class LeastSquaresModel {
   // Draws back such unknowns of the candidate of that cost() toward `start`, where the normal
   // equations were filled last, each until it costs no more than there; how many.
   virtual long hold_back(const State&, State&) { return 0; }
-  // Fits unknowns of the candidate that `step`, from where the normal equations were filled, has
-  // moved far and that are independent of each other given all others; how many. `cost`: of the
-  // candidate.
-  virtual long refit(const linear::Step&, double /*cost*/, State& /*candidate*/) { return 0; }
+  // Fits unknowns of the candidate that `step`, from `start`, where the normal equations were
+  // filled, has moved far and that are independent of each other given all others; how many.
+  // `cost`: of the candidate.
+  virtual long refit(const State& /*start*/,
+                     const linear::Step&,
+                     double /*cost*/,
+                     State& /*candidate*/) {
+    return 0;
+  }
 
   // Of a cost that is approached in stages (graduated non-convexity): goes on to the next stage
   // where `state` is good enough for that, or moves unknowns that the loss has rejected; whether it
