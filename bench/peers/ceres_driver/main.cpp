@@ -64,10 +64,13 @@ ceres::Solver::Options MakeOptions(const Settings& settings) {
   return options;
 }
 
+// Of those that are observed: no other is part of the problem.
 std::shared_ptr<ceres::ParameterBlockOrdering> PointsFirst(BalProblem& bal) {
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  for (auto& point : bal.points) ordering->AddElementToGroup(point.data(), 0);
-  for (auto& camera : bal.cameras) ordering->AddElementToGroup(camera.data(), 1);
+  for (const Observation& o : bal.observations) {
+    ordering->AddElementToGroup(bal.points[o.point].data(), 0);
+    ordering->AddElementToGroup(bal.cameras[o.camera].data(), 1);
+  }
   return ordering;
 }
 

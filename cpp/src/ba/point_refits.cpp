@@ -19,9 +19,11 @@ using residuals::kReadAhead;
 
 // The second order of a point matters from this share of what a point costs in the mean on.
 constexpr double kLeastShareOfCost = 1e-4;
-// Points are triangulated that cost more than so many others with as many observations.
-constexpr double kPoorFit = 4.0;
 constexpr int kMostPasses = 6;
+// Points are triangulated that still cost more than so many others with as many observations, and
+// fitted from there in so many passes.
+constexpr double kPoorFit = 4.0;
+constexpr int kTrialPasses = 3;
 // Of the normal equations of a point; times the other for each step that has failed.
 constexpr double kDamping = 1e-4, kRaised = 100.0;
 constexpr int kRefitsPerTask = 64;
@@ -112,17 +114,24 @@ class Views {
     for (int k = 0; k < count_; ++k) add(records_.data() + long{kRecord} * k, fits[point_[k]]);
   }
 
-  // Where the rays of point p are closest to each other; in a projective world as it was.
+  // Where the rays of point p are closest to each other; as it was in a projective world, whose
+  // rays have no front. A robust loss allows for wrong observations, and the place would agree with
+  // those, too: then only for a point behind a camera, which is lost anyway.
   void triangulate(int p, double* place) const {
     const linear::ObservationGraph& graph = images_.graph();
     visit_camera(images_.problem().camera_model, [&](auto camera) {
       using Camera = decltype(camera);
       if constexpr (Camera::kMetric) {
+        const Eigen::Vector3d from(place[0], place[1], place[2]);
         ClosestPlace closest;
-        for (int e = graph.point_begin[p]; e < graph.point_begin[p + 1]; ++e)
-          closest.add(ray_of<Camera>(images_, state_, graph.of_point[e]), 1.0);
+        bool is_lost = !images_.is_robust();
+        for (int e = graph.point_begin[p]; e < graph.point_begin[p + 1]; ++e) {
+          const Ray ray = ray_of<Camera>(images_, state_, graph.of_point[e]);
+          closest.add(ray, 1.0);
+          is_lost |= ray.along.dot(from - ray.from) <= 0.0;
+        }
         const Eigen::Vector3d meeting = closest.place();
-        std::copy_n(meeting.data(), 3, place);
+        if (is_lost) std::copy_n(meeting.data(), 3, place);
       }
     });
   }
@@ -196,16 +205,23 @@ class Pass {
   // plane of a camera, or beyond infinity, no step of its own brings back.
   void return_to(const State& start) { take_better(places_in(start)); }
 
-  // To where their rays meet, those that cost more than `most` an observation, and less there.
-  void triangulate(double most) {
-    std::vector<double> places = places_in(state_);
-    bool any = false;
+  // To where their rays meet.
+  void triangulate() {
+    for (std::size_t i = 0; i < points_.size(); ++i) views_.triangulate(points_[i], state_place(i));
+  }
+
+  // Back to where they were before, when they were fitted so, those that cost no less here.
+  void return_to(const Pass& before) {
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      if (here_[i].cost <= most * views_.num_views(points_[i])) continue;
-      views_.triangulate(points_[i], places.data() + size_ * i);
-      any = true;
+      if (!costs_less(here_[i], before.here_[i]))
+        std::copy_n(before.places_.data() + size_ * i, size_, state_place(i));
     }
-    if (any) take_better(places);
+  }
+
+  // Which cost more than `most` an observation.
+  void mark_poor(double most, char* poor) const {
+    for (std::size_t i = 0; i < points_.size(); ++i)
+      poor[points_[i]] = !(here_[i].cost <= most * views_.num_views(points_[i]));
   }
 
   // `tries`, by point: how often in a row it has failed, plus one; 0 where the next step promises
@@ -253,7 +269,8 @@ class Pass {
     }
     double delta[kPointTangent];
     std::copy_n(places_.data() + size_ * i, size_, state_place(i));
-    tries = gauss_newton(there_[i].block, kDamping, delta) > least;
+    here_[i] = there_[i];
+    tries = gauss_newton(here_[i].block, kDamping, delta) > least;
   }
 
   const residuals::PlaceKernel& kernel_;
@@ -283,25 +300,47 @@ long PointRefits::refit(const State& start,
                               static_cast<double>(images_.graph().num_observations())};
   images_.exchange().sum(count);
   const double least = kLeastShareOfCost * 2.0 * cost / count[0];
-  const double poor = kPoorFit * 2.0 * cost / count[1];
+  const double most = kPoorFit * 2.0 * cost / count[1];
   std::vector<char> tries(static_cast<std::size_t>(images_.graph().num_points));
   mark_beyond_model(
       normal, step, least, inverse_variance_ * mean_squared_focal(candidate), tries.data());
   std::vector<int> points = marked(tries);
   const double refitted = images_.exchange().sum(static_cast<double>(points.size()));
+  std::vector<char> poor(tries.size());
   for (int pass = 0; pass < kMostPasses && !points.empty(); ++pass, points = marked(tries)) {
-    images_.pool().parallel_for_parts(
-        static_cast<long>(points.size()), kRefitsPerTask, [&](long begin, long end) {
-          const std::span<const int> mine = std::span(points).subspan(begin, end - begin);
-          Pass fits(kernel_, images_, mine, candidate);
-          if (pass == 0) {
-            fits.return_to(start);
-            fits.triangulate(poor);
-          }
-          fits.step(least, tries.data());
-        });
+    for_parts_of(points, [&](std::span<const int> mine) {
+      Pass fits(kernel_, images_, mine, candidate);
+      if (pass == 0) fits.return_to(start);
+      fits.step(least, tries.data());
+      fits.mark_poor(most, poor.data());
+    });
   }
+  for_parts_of(marked(poor), [&](std::span<const int> mine) {
+    triangulate(mine, least, tries.data(), candidate);
+  });
   return std::lround(refitted);
+}
+
+// From where the rays of such points meet; kept where that costs less. `tries`: as in a pass.
+void PointRefits::triangulate(std::span<const int> points,
+                              double least,
+                              char* tries,
+                              State& candidate) const {
+  Pass before(kernel_, images_, points, candidate);
+  before.triangulate();
+  for (int p : points) tries[p] = 1;
+  for (int pass = 0; pass < kTrialPasses; ++pass)
+    Pass(kernel_, images_, points, candidate).step(least, tries);
+  Pass(kernel_, images_, points, candidate).return_to(before);
+}
+
+// f(part), in parallel.
+template <class F>
+void PointRefits::for_parts_of(const std::vector<int>& points, const F& f) const {
+  images_.pool().parallel_for_parts(
+      static_cast<long>(points.size()), kRefitsPerTask, [&](long begin, long end) {
+        f(std::span(points).subspan(begin, end - begin));
+      });
 }
 
 void PointRefits::mark_beyond_model(const linear::NormalEquations& normal,

@@ -290,7 +290,6 @@ class Minimizer {
   }
 
   bool progressed() const { return cost_ < summary_.initial_cost; }
-
   // Steps have become negligible: at a minimum, or because none lowers the cost as predicted.
   void finish_negligible() {
     if (is_flat() || (!progressed() && largest_prediction_ <= negligible() && is_stationary())) {

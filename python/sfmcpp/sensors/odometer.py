@@ -36,7 +36,7 @@ _VARIED = 0.1
 _SAME = 0.15
 # Pairs of images in a row that must tell a step where it is dead, and what it moves there at most, as a share
 # of its ways between pairs: these are as far apart as the images change.
-_FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 6, 0.02, 0.9
+_FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
 # Where the body stands, a factor may change without a leap.
 _STANDING_M_S = 0.3
 
@@ -186,7 +186,7 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
     Returns
     -------
     tuple of Gap
-        From the first sample that does not move to the last, of six pairs in a row or more.
+        From the first sample that does not move to the last, of four pairs in a row or more.
 
     Raises
     ------

@@ -13,6 +13,7 @@
 // infinity on that side. So each is fitted from the best of several places.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "sfmcpp/ba/image_residuals.hpp"
@@ -27,8 +28,9 @@ class PointRefits {
   PointRefits(const ImageResiduals& images, const std::vector<char>& movable);
 
   // Fits such points of the candidate of `step`, a step from `start`, where `normal` was filled:
-  // from where it has brought them, from where they were or, those that fit poorly, from where
-  // their rays meet, whichever costs least. None costs more than before. How many there are, over
+  // from where it has brought them or from where they were, whichever costs less; those that then
+  // fit poorly also from where their rays meet, kept where that costs less. None costs more than
+  // before. How many there are, over
   // all ranks: those for which the second order matters beside what one point has of `cost`.
   long refit(const optim::State& start,
              const linear::NormalEquations& normal,
@@ -42,6 +44,12 @@ class PointRefits {
                          double least,
                          double focal2,
                          char* beyond) const;
+  void triangulate(std::span<const int> points,
+                   double least,
+                   char* tries,
+                   optim::State& candidate) const;
+  template <class F>
+  void for_parts_of(const std::vector<int>& points, const F& f) const;
   double mean_squared_focal(const optim::State& state) const;
 
   const ImageResiduals& images_;
