@@ -91,3 +91,13 @@ def test_a_minimum_is_the_same_however_points_get_there() -> None:
     ]
     for end in ends[1:]:
         assert end.final_cost == pytest.approx(ends[0].final_cost, rel=1e-10)
+
+
+@pytest.mark.parametrize("loss", ["squared", "huber"])
+@pytest.mark.parametrize("seed", [4, 6])
+def test_from_far_starts_no_point_ends_behind_its_cameras(seed: int, loss: str) -> None:
+    truth = sfmcpp.corridor_scene(50, 2000, seed=seed)
+    start = sfmcpp.perturb(truth, point_sigma_m=0.6, position_sigma_m=0.6, rotation_sigma_deg=2.0, seed=seed)
+    options = {"loss": loss, "max_iterations": 100}
+    least = sfmcpp.solve(truth, **options).final_cost
+    assert sfmcpp.solve(start, **options).final_cost == pytest.approx(least, rel=1e-3)
