@@ -201,9 +201,14 @@ class Pass {
     views_.fit(kernel_, places_, here_);
   }
 
-  // To where they were in `start`, those that cost less there: what a step has thrown through the
-  // plane of a camera, or beyond infinity, no step of its own brings back.
-  void return_to(const State& start) { take_better(places_in(start)); }
+  // To where they were in `start`, where some cost more than `most` an observation, those that cost
+  // less there: what a step has thrown through the plane of a camera, or beyond infinity, no step
+  // of its own brings back.
+  void return_to(const State& start, double most) {
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (is_poor(i, most)) return take_better(places_in(start));
+    }
+  }
 
   // To where their rays meet.
   void triangulate() {
@@ -220,8 +225,7 @@ class Pass {
 
   // Which cost more than `most` an observation.
   void mark_poor(double most, char* poor) const {
-    for (std::size_t i = 0; i < points_.size(); ++i)
-      poor[points_[i]] = !(here_[i].cost <= most * views_.num_views(points_[i]));
+    for (std::size_t i = 0; i < points_.size(); ++i) poor[points_[i]] = is_poor(i, most);
   }
 
   // `tries`, by point: how often in a row it has failed, plus one; 0 where the next step promises
@@ -233,6 +237,10 @@ class Pass {
   }
 
  private:
+  bool is_poor(std::size_t i, double most) const {
+    return !(here_[i].cost <= most * views_.num_views(points_[i]));
+  }
+
   double* state_place(std::size_t i) {
     return state_.points.data() + size_ * static_cast<std::size_t>(points_[i]);
   }
@@ -310,7 +318,7 @@ long PointRefits::refit(const State& start,
   for (int pass = 0; pass < kMostPasses && !points.empty(); ++pass, points = marked(tries)) {
     for_parts_of(points, [&](std::span<const int> mine) {
       Pass fits(kernel_, images_, mine, candidate);
-      if (pass == 0) fits.return_to(start);
+      if (pass == 0) fits.return_to(start, most);
       fits.step(least, tries.data());
       fits.mark_poor(most, poor.data());
     });
