@@ -37,6 +37,7 @@ from sfmcpp.sensors.registration import (
     register_by_positions,
 )
 from sfmcpp.sensors.rotation_check import RotationCheck, Turn, check_rotations, check_turns
+from sfmcpp.sensors.slip import Slip, find_slip, is_easier_without, without_slip
 from sfmcpp.sensors.stream import (
     describe_coverage,
     describe_gaps,
@@ -57,6 +58,7 @@ __all__ = [
     "Registration",
     "RotationCheck",
     "SensorStream",
+    "Slip",
     "Trajectory",
     "Turn",
     "camera_displacement",
@@ -76,10 +78,12 @@ __all__ = [
     "east_north_up",
     "find_bias",
     "find_misalignment",
+    "find_slip",
     "geodetic_of",
     "interpolate_poses",
     "interpolate_rotations",
     "interpolate_vectors",
+    "is_easier_without",
     "local_positions",
     "measured_at",
     "orientations",
@@ -99,5 +103,6 @@ __all__ = [
     "travelled_distance",
     "without_bias",
     "without_leaps",
+    "without_slip",
     "without_spikes",
 ]

@@ -152,7 +152,7 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     InvalidArgument
         If the stream is of another kind.
     """
-    t_s, speeds = _speeds(stream)
+    t_s, speeds = speeds_of(stream)
     leaps = _speed_leaps(t_s, speeds)
     found: list[Gap] = []
     at = 0
@@ -193,7 +193,7 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
     InvalidArgument
         If the stream is of another kind.
     """
-    t_s, speeds = _speeds(stream)
+    t_s, speeds = speeds_of(stream)
     told = [(t, travelled_distance(stream, t.start_s, t.end_s)) for t in turns]
     ways = np.array([abs(way) for _, way in told if way is not None])
     pairs = [turn for turn, way in told if way is not None]
@@ -247,7 +247,7 @@ def carried_over(stream: SensorStream, stretches: Sequence[Gap]) -> SensorStream
     return replace(stream, values=values)
 
 
-def _speeds(stream: SensorStream) -> tuple[FloatArray, FloatArray]:
+def speeds_of(stream: SensorStream) -> tuple[FloatArray, FloatArray]:
     """Speeds (n,) [m/s], not negative, and their times."""
     require_kind(stream, "speed", "distance", "velocity")
     if stream.kind == "distance":

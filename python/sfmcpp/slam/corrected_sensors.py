@@ -9,7 +9,7 @@ import numpy as np
 
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import Turn
+from sfmcpp.sensors import Slip, Turn, without_slip
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
 
 # Those whose stream can be replaced.
@@ -45,17 +45,44 @@ def camera_steps(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray,
     return steps, directions
 
 
-def with_turned_mounting(sensor: MotionSensor, turns: Mapping[str, FloatArray]) -> MotionSensor:
-    """An odometer with a corrected rotation of its mounting."""
-    turn = turns.get(sensor.name)
+def corrected(
+    sensor: MotionSensor, stretches: Sequence[Gap], slips: Mapping[str, Slip], turns: Mapping[str, FloatArray]
+) -> MotionSensor | None:
+    """A sensor without what was wrong of it; None if nothing is left.
+
+    Parameters
+    ----------
+    sensor : MotionSensor
+        As it was.
+    stretches : sequence of Gap
+        Where its samples are wrong.
+    slips : mapping of str to Slip
+        What odometers slip by, by name.
+    turns : mapping of str to (3, 3) float64
+        By what the mountings of odometers are to be turned, by name.
+
+    Returns
+    -------
+    MotionSensor or None
+    """
+    sound = _without_stretches(_without_slip(sensor, slips.get(sensor.name)), stretches)
+    return None if sound is None else _with_turned_mounting(sound, turns.get(sensor.name))
+
+
+def _with_turned_mounting(sensor: MotionSensor, turn: FloatArray | None) -> MotionSensor:
     if turn is None or not isinstance(sensor, Odometer) or sensor.mounting is None:
         return sensor
     mounted = replace(sensor.mounting, camera_from_body=turn @ sensor.mounting.camera_from_body)
     return replace(sensor, mounting=mounted)
 
 
-def without_stretches(sensor: MotionSensor, stretches: Sequence[Gap]) -> MotionSensor | None:
-    """A sensor without the samples of some stretches; None if nothing is left."""
+def _without_slip(sensor: MotionSensor, slip: Slip | None) -> MotionSensor:
+    if slip is None or not isinstance(sensor, Odometer):
+        return sensor
+    return replace(sensor, stream=without_slip(sensor.stream, slip))
+
+
+def _without_stretches(sensor: MotionSensor, stretches: Sequence[Gap]) -> MotionSensor | None:
     if not isinstance(sensor, STAMPED):
         return sensor
     rest: SensorStream | None = sensor.stream

@@ -15,6 +15,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
     MOST_TURNS,
     RotationCheck,
+    Slip,
     Turn,
     check_rotations,
     check_turns,
@@ -28,13 +29,7 @@ from sfmcpp.sensors import (
     without_spikes,
 )
 from sfmcpp.sensors.agreement import describe_other_time
-from sfmcpp.slam.corrected_sensors import (
-    STAMPED,
-    camera_steps,
-    speed_jumps,
-    with_turned_mounting,
-    without_stretches,
-)
+from sfmcpp.slam.corrected_sensors import STAMPED, camera_steps, corrected, speed_jumps
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Gyroscope, Ins, Measurement, MotionSensor, Odometer
@@ -62,9 +57,11 @@ class SensorSuite:
         self.in_conflict: frozenset[str] = frozenset()
         self._experience: dict[str, Experience] = {}
         # Seconds by which the stamps of each have been moved.
-        self._moved_s: dict[str, float] = {}
+        self.moved_s: dict[str, float] = {}
         # What was taken from the rates of each gyroscope [rad/s].
         self._biases: dict[str, FloatArray] = {}
+        # Slow slips of odometers that the end of the run has shown.
+        self.slips: dict[str, Slip] = {}
         # The motions that pairs of images have told, and the time up to which they were asked [s].
         self._turns: list[Turn] = []
         self.turns_until_s = -np.inf
@@ -79,7 +76,7 @@ class SensorSuite:
         return {
             "in_conflict": self.in_conflict,
             "experience": self._experience,
-            "moved_s": dict(self._moved_s),
+            "moved_s": dict(self.moved_s),
             "in_time": self._in_time,
             "biases": self._biases,
             "turns": self._turns,
@@ -89,9 +86,8 @@ class SensorSuite:
 
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from a state; the sensors are as they were given."""
-        self._moved_s, self._biases = state["moved_s"], state["biases"]
-        self._turns, self.turns_until_s = state["turns"], state["turns_until_s"]
-        self.steps = state["steps"]
+        self.moved_s, self._biases = state["moved_s"], state["biases"]
+        self._turns, self.turns_until_s, self.steps = (state[k] for k in ("turns", "turns_until_s", "steps"))
         self._apply_corrections()
         self.in_conflict, self._experience = state["in_conflict"], state["experience"]
         self._in_time = state["in_time"]
@@ -191,14 +187,14 @@ class SensorSuite:
 
     def move_stamps(self, names: Collection[str], offset_s: float) -> None:
         """Add as many seconds to the stamps of the sensors of these names."""
-        self._moved_s |= {name: self._moved_s.get(name, 0.0) + offset_s for name in names}
+        self.moved_s |= {name: self.moved_s.get(name, 0.0) + offset_s for name in names}
         self._apply_corrections()
         self._forget_experience(names)
 
     def _refine_clocks(self, vision: Trajectory) -> None:
         """Set clocks that were wrong once more: hundredths of a second are ten milliradians of a turn."""
         for sensor in self.sensors:
-            if isinstance(sensor, Gyroscope) and sensor.name in self._moved_s:
+            if isinstance(sensor, Gyroscope) and sensor.name in self.moved_s:
                 check = check_rotations(sensor.stream, sensor.mounting, vision)
                 if check.is_determined and check.agrees:
                     self._set_clock(sensor, check)
@@ -249,7 +245,7 @@ class SensorSuite:
         """Make the sensors those given, but for their clocks, spikes and biases."""
         self.sensors = tuple(
             replace(sensor, stream=self._corrected(sensor.name, sensor.stream))
-            if _has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self._moved_s)
+            if _has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)
             else sensor
             for sensor in self._given
         )
@@ -262,7 +258,7 @@ class SensorSuite:
     def _on_camera_clock(self, name: str, stream: SensorStream) -> SensorStream:
         """A stream on the clock of the camera, as far as it is known; rates without their spikes."""
         sound = without_spikes(stream) if stream.kind == "angular_rate" else stream
-        moved_s = self._moved_s.get(name)
+        moved_s = self.moved_s.get(name)
         return sound if moved_s is None else sound.shifted(moved_s)
 
     def _forget_experience(self, names: Collection[str]) -> None:
@@ -340,16 +336,17 @@ class SensorSuite:
         self._refine_clocks(vision)
         misaligned = self._misalignments()
         of_motion = [sensor.name for sensor in self.sensors if not isinstance(sensor, Gps | Ins)]
-        # What a dead odometer has bent says nothing against the others.
-        wrong = self._dead_stretches(self._turns) or {
+        denied = {
             name: (stretch,)
             for name, known in self._experience.items()
             if name in of_motion and (stretch := known.denied)
         }
-        if not {*wrong, *misaligned, *self._moved_s, *self._biases}:
+        # What a dead or a slipping odometer has bent says nothing against the others.
+        wrong = self._dead_stretches(self._turns) or ({} if self.slips else denied)
+        if not {*wrong, *misaligned, *self.moved_s, *self._biases, *self.slips}:
             return None
-        kept = [without_stretches(sensor, wrong.get(sensor.name, ())) for sensor in self.sensors]
-        return tuple(with_turned_mounting(sensor, misaligned) for sensor in kept if sensor is not None)
+        kept = [corrected(s, wrong.get(s.name, ()), self.slips, misaligned) for s in self.sensors]
+        return tuple(sensor for sensor in kept if sensor is not None)
 
     def _dead_stretches(self, turns: Sequence[Turn]) -> dict[str, tuple[Gap, ...]]:
         """Where odometers stand still while pairs of images tell a step."""

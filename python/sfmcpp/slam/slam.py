@@ -23,7 +23,8 @@ from sfmcpp.slam.initialisation import Initialiser, rejoin
 from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
 from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
-from sfmcpp.slam.odometer_clock import remember_step, set_odometer_clocks
+from sfmcpp.slam.odometer_clock import remember_step
+from sfmcpp.slam.odometer_slip import check_odometers
 from sfmcpp.slam.registration import place_at_end, place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
@@ -189,8 +190,7 @@ class Slam:
         if len(self.result.poses) > 1:
             self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
         self.result.warnings += check_positions(self.result, self._sensors)
-        if self.settings.trusts_declared:
-            self.result.warnings += set_odometer_clocks(self._sensors)
+        self.result.warnings += check_odometers(self.result, self._sensors, self.settings)
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""
