@@ -94,13 +94,20 @@ def preconditioners() -> None:
 
 
 def same_bits() -> None:
-    """Conjugate gradients over the blocks of S have the bits of one process, however points are divided."""
+    """Conjugate gradients have the bits of one process, however points are divided."""
     truth = sfmcpp.city_blocks_scene(60, seed=1)
     start = sfmcpp.perturb(truth, position_sigma_m=0.3, point_sigma_m=0.3, seed=2)
+    pairs = np.stack([np.arange(38), np.arange(20, 58)], axis=1)  # of cameras that lie far apart
+    distances = np.linalg.norm(truth.centres[pairs[:, 1]] - truth.centres[pairs[:, 0]], axis=1)
+    between = sfmcpp.ConstraintGroup("scale", pairs, distances, sigma=0.01)
     for how in (
         {"preconditioner": "clusters"},
         {"preconditioner": "schur-jacobi", "precision": "single"},
         {"preconditioner": "clusters", "loss": "huber", "method": "dog-leg"},
+        {"preconditioner": "two-levels"},
+        {"preconditioner": "two-levels", "pcg_tolerance": 1e-8},
+        {"preconditioner": "clusters", "pcg_tolerance": 1e-8, "precision": "single"},
+        {"preconditioner": "two-levels", "constraints": [between]},
     ):
         solved: Any = {"linear_solver": "iterative", "max_iterations": 10, "function_tolerance": 0.0, **how}
         alone, mine = start.copy(), own_part(start)
