@@ -372,7 +372,7 @@ def command_killed_at(iteration: int, rank: int, *words: str) -> None:
 def libraries_of_command(*words: str) -> None:
     """A solve of the command line, and which of the large libraries each rank has loaded for it."""
     assert main(["solve", *words, "--quiet"]) == 0
-    large = {"cv2", "matplotlib", "PIL", "scipy"}
+    large = {"cv2", "matplotlib", "PIL", "pydantic", "scipy", "typer"}
     loaded = COMM.gather(sorted(large & set(sys.modules)))
     if COMM.rank == 0:
         print(loaded)
