@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import select
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -42,22 +43,37 @@ def solve_as_read_apart(read: Callable[[], int]) -> int:
     from sfmcpp.cli.run import solve_file
 
     job = _job_of_child(read)
+    if job is None:
+        return read()
     return job if isinstance(job, int) else with_exit_code(solve_file)(job)
 
 
-def _job_of_child(read: Callable[[], int]) -> Job | int:
+# A child has locks as they were: one that a thread of a profiler held, say, it would wait for without end.
+_PATIENCE_S = 60.0
+
+
+def _job_of_child(read: Callable[[], int]) -> Job | int | None:
+    """What a child sends, or its exit code; None if it says nothing."""
     receiving, sending = os.pipe()
     child = os.fork()
     if child == 0:
         os.close(receiving)
         _send_job_and_exit(read, sending)
     os.close(sending)
-    with os.fdopen(receiving, "rb") as pipe:
-        sent = pipe.read()
+    sent = _received(receiving)
+    if sent is None:
+        os.kill(child, signal.SIGKILL)
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    if sent is None:
+        return None
     if code < 0:
         return print_error(f"signal {-code} has killed the process that reads the arguments")
     return pickle.loads(sent) if sent else code
+
+
+def _received(receiving: int) -> bytes | None:
+    with os.fdopen(receiving, "rb") as pipe:
+        return pipe.read() if select.select([pipe], [], [], _PATIENCE_S)[0] else None
 
 
 def _send_job_and_exit(read: Callable[[], int], sending: int) -> NoReturn:
