@@ -22,8 +22,11 @@ void normalize_rows(const ImageNormalization& n, const double* m, double* out) {
   }
 }
 
-using NineSums = std::array<double, 9>;
-static_assert(sizeof(NineSums) == sizeof(Biquadratic));
+std::vector<double> rounded(const std::vector<CompensatedSum>& sums) {
+  std::vector<double> values(sums.size());
+  std::ranges::transform(sums, values.begin(), &CompensatedSum::value);
+  return values;
+}
 
 }  // namespace
 
@@ -43,20 +46,22 @@ AlgebraicCost::AlgebraicCost(const ImageResiduals& images,
 void AlgebraicCost::normalize_images() {
   if (!normalizations_.empty()) return;
   const auto cameras = static_cast<std::size_t>(graph_.num_cameras);
-  std::vector<double> centres(2 * cameras), distances(cameras);
+  std::vector<CompensatedSum> centre_sums(2 * cameras), distance_sums(cameras);
   for (int k = 0; k < graph_.num_observations(); ++k) {
     const auto i = static_cast<std::size_t>(graph_.camera[k]);
-    centres[2 * i] += images_.u()[k] / graph_.of_camera_on_all_ranks[i];
-    centres[2 * i + 1] += images_.v()[k] / graph_.of_camera_on_all_ranks[i];
+    centre_sums[2 * i] += images_.u()[k] / graph_.of_camera_on_all_ranks[i];
+    centre_sums[2 * i + 1] += images_.v()[k] / graph_.of_camera_on_all_ranks[i];
   }
-  images_.exchange().sum(centres);
+  images_.exchange().sum(centre_sums);
+  const std::vector<double> centres = rounded(centre_sums);
   for (int k = 0; k < graph_.num_observations(); ++k) {
     const auto i = static_cast<std::size_t>(graph_.camera[k]);
-    distances[i] +=
+    distance_sums[i] +=
         std::hypot(images_.u()[k] - centres[2 * i], images_.v()[k] - centres[2 * i + 1]) /
         graph_.of_camera_on_all_ranks[i];
   }
-  images_.exchange().sum(distances);
+  images_.exchange().sum(distance_sums);
+  const std::vector<double> distances = rounded(distance_sums);
   for (std::size_t i = 0; i < cameras; ++i) {
     normalizations_.push_back(
         {centres[2 * i], centres[2 * i + 1], std::max(distances[i] / std::sqrt(2.0), kMinScale)});
@@ -90,7 +95,7 @@ Biquadratic AlgebraicCost::along(const optim::State& state,
                                  std::span<const double> weights,
                                  AlgebraicWeights algebraic_weights) {
   normalize_images();
-  std::vector<Biquadratic> sums(graph_.chunks.size());
+  std::vector<residuals::AlgebraicSums> sums(graph_.chunks.size());
   images_.pool().parallel_for(static_cast<int>(sums.size()), [&](int c) {
     const linear::Chunk& chunk = graph_.chunks[c];
     const CameraLine line = camera_line(state, step, chunk.camera);
@@ -107,13 +112,15 @@ Biquadratic AlgebraicCost::along(const optim::State& state,
                             .weigh_by_depth = algebraic_weights == AlgebraicWeights::kInverseDepth,
                             .shapes = images_.shapes(chunk)});
   });
-  NineSums total{};
-  for (const Biquadratic& sum : sums) {
-    const auto parts = std::bit_cast<NineSums>(sum);
-    for (std::size_t k = 0; k < total.size(); ++k) total[k] += parts[k];
+  std::vector<CompensatedSum> total(residuals::kAlgebraicSums);
+  for (const residuals::AlgebraicSums& sum : sums) {
+    for (std::size_t k = 0; k < total.size(); ++k)
+      total[k] += CompensatedSum(sum.sums[k], sum.rests[k]);
   }
   images_.exchange().sum(total);
-  return std::bit_cast<Biquadratic>(total);
+  std::array<double, residuals::kAlgebraicSums> values{};
+  std::ranges::transform(total, values.begin(), &CompensatedSum::value);
+  return std::bit_cast<Biquadratic>(values);
 }
 
 }  // namespace sfmcpp::ba

@@ -251,6 +251,14 @@ linear::LinearSolverChoice choose_solver(Workspace& work,
       options.linear_solver);
 }
 
+// Conjugate gradients, linear or not, amplify what sums round off, and that depends on how points
+// are divided among ranks.
+bool amplifies_rounding(const SolveOptions& options, const linear::LinearSolverChoice& choice) {
+  const optim::MethodFacts& method = facts_of(options.minimizer.method);
+  return method.solves_linear_system ? choice.kind == linear::LinearSolverKind::kIterative
+                                     : method.keeps_directions;
+}
+
 // A robust loss leaves some points and cameras with hardly any weight, and its steps are
 // sensitive: rounded coefficients have cost it steps.
 linear::Precision stored_precision(const Problem& problem,
@@ -306,7 +314,7 @@ Workspace::Workspace(const Problem& problem,
             pool,
             ranks,
             precision,
-            choice.kind == linear::LinearSolverKind::kIterative && choice.with_blocks) {
+            amplifies_rounding(options, choice)) {
   check_on_all_ranks(exchange, [&] { check_duplicates(problem, graph); });
   check_determined(graph, map, model.constraints().num_equations(), exchange, [&] {
     return fixes_gauge(problem, options) ? 0L : num_world_freedoms(problem, graph, start, exchange);

@@ -49,6 +49,7 @@ void MessageExchange::sum_of(std::span<double> values, std::size_t width) {
   for_each_piece(values, kPiece, [&](std::span<double> piece) {
     piece.size() <= kFew ? sum_few(piece, width) : sum_many(piece, width);
   });
+  if (values.size() > kFew) free_buffers();
 }
 
 void MessageExchange::max(std::span<double> values) {
@@ -80,6 +81,7 @@ std::vector<double> MessageExchange::gather(std::span<const double> values) {
     for (std::size_t r = 0; r < sizes.size(); ++r)
       std::copy_n(all_.data() + r * room, count_of(sizes[r]), gathered.data() + places[r] + begin);
   }
+  if (longest > kFew) free_buffers();
   return gathered;
 }
 
@@ -126,6 +128,12 @@ void MessageExchange::all_to_all() {
   transport_.all_to_all(mine_, received_);
   const std::size_t kept = mine_.size() / static_cast<std::size_t>(num_ranks());
   note(static_cast<double>((mine_.size() - kept) * sizeof(double)), watch.seconds());
+}
+
+// Long arrays are exchanged a few times a step, and what they pass through is idle in between.
+void MessageExchange::free_buffers() {
+  for (std::vector<double>* buffer : {&mine_, &received_, &all_})
+    std::vector<double>().swap(*buffer);
 }
 
 void MessageExchange::note(double bytes, double seconds) {

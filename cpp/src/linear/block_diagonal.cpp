@@ -19,12 +19,14 @@ CameraBlockDiagonal::CameraBlockDiagonal(const NormalEquations& normal)
   blocks_.resize(offset_.back());
   const auto camera_size = static_cast<std::size_t>(map_.camera_size);
   const auto cameras = static_cast<std::size_t>(normal.graph().num_cameras);
-  camera_rhs_.resize(cameras * camera_size);
+  camera_rhs_.assign(2 * cameras * camera_size, 0.0);
   camera_blocks_.resize(cameras * camera_size * camera_size);
 }
 
 void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<double>& rhs) {
   const ObservationGraph& graph = normal_.graph();
+  const bool on_grid = normal_.is_compensated();
+  if (on_grid) grid_.set(normal_);
   normal_.pool().parallel_for(graph.num_cameras, [&](int i) {
     normal_.kernels().schur_diagonal({.begin = graph.camera_begin[i],
                                       .end = graph.camera_begin[i + 1],
@@ -33,7 +35,9 @@ void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<doubl
                                       .factors = factors,
                                       .gradient = normal_.unrounded_gradient(i),
                                       .diagonal = camera_block(i),
-                                      .rhs = camera_rhs(i)});
+                                      .rhs = camera_rhs(i),
+                                      .grid = on_grid ? grid_.of_camera(i) : nullptr,
+                                      .compensated_gradient = on_grid});
   });
   gather(rhs, normal_.exchange());
 }
@@ -55,14 +59,22 @@ void CameraBlockDiagonal::gather(std::vector<double>& rhs, Exchange& ranks) {
   normal_.camera_terms().add_rhs(map_, rhs);
 }
 
+namespace {
+
+void add(double sum, double rest, double& to) { to += sum + rest; }
+void add(double sum, double rest, CompensatedSum& to) { to += CompensatedSum(sum, rest); }
+
+}  // namespace
+
 template <class T>
 void CameraBlockDiagonal::sum_cameras(bool is_root,
                                       std::vector<T>& rhs,
                                       std::vector<T>& entries) const {
   const long size = map_.camera_size;
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
+    const double* sum = camera_rhs_.data() + 2 * size * i;
     normal_.for_each_column(
-        i, columns, [&](int k, int column) { rhs[column] += camera_rhs_[size * i + k]; });
+        i, columns, [&](int k, int column) { add(sum[k], sum[size + k], rhs[column]); });
     fold_block(i, camera_blocks_.data() + size * size * i, columns, entries);
     normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
       if (j == i && is_root) fold_block(i, block, columns, entries);

@@ -128,16 +128,17 @@ void CameraTerms::add_product(const ParameterMap& map,
 void CameraTerms::add_product(const ParameterMap& map,
                               const std::vector<char>& rows,
                               const std::vector<double>& x,
-                              std::vector<double>& out) const {
+                              std::vector<CompensatedSum>& out) const {
   for (std::size_t b = 0; b < pairs_.size(); ++b) {
     if (rows[pairs_[b].first]) add_product_of_block(b, map, x, out);
   }
 }
 
+template <class Number>
 void CameraTerms::add_product_of_block(std::size_t b,
                                        const ParameterMap& map,
                                        const std::vector<double>& x,
-                                       std::vector<double>& out) const {
+                                       std::vector<Number>& out) const {
   double xi[kMaxCameraSize], xj[kMaxCameraSize], yi[kMaxCameraSize], yj[kMaxCameraSize];
   const auto& [i, j] = pairs_[b];
   map.expand(x.data(), i, xi);

@@ -23,9 +23,11 @@ int target_of(int cameras) {
 
 CoarseSpace::CoarseSpace(const NormalEquations& normal,
                          const BlockSparseSchur& schur,
+                         const CameraPartition& partition,
                          const CameraNeighbours& neighbours)
     : normal_(normal),
       schur_(schur),
+      partition_(partition),
       aggregates_(aggregate_cameras(neighbours, target_of(neighbours.num_cameras()))) {
   for (int row = 0; row < size(); ++row) {
     for (int c = 0; c < size(); ++c) place_.push_back(panel_index(size(), row, c));
@@ -43,6 +45,7 @@ void CoarseSpace::factor(const std::vector<double>& diagonal) {
   rows_.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(columns), 0.0);
   set_weights(diagonal);
   normal_.pool().parallel_for(aggregates_.count(), [&](int k) { set_modes(k); });
+  middle_ = middle_of_matrix();
   normal_.pool().parallel_for(aggregates_.count(), [&](int k) { add_rows(k, diagonal); });
   normal_.exchange().sum(rows_);
   set_matrix();
@@ -62,6 +65,16 @@ void CoarseSpace::set_matrix() {
   }
 }
 
+// The rows of ranks are summed: on a grid the matrix has the same bits for every number of them
+// (sum_grid.hpp). With modes of unit length in the metric of the weights, the sum over any rows of
+// two of them is at most the root of the numbers of their columns (Cauchy–Schwarz).
+double CoarseSpace::middle_of_matrix() const {
+  int most = 0;
+  for (int k = 0; k < aggregates_.count(); ++k)
+    most = std::max(most, aggregates_.begin[k + 1] - aggregates_.begin[k]);
+  return middle_of_sum(size(), most);
+}
+
 void CoarseSpace::set_modes(int aggregate) {
   const int modes = num_modes();
   for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
@@ -77,12 +90,19 @@ void CoarseSpace::set_modes(int aggregate) {
 }
 
 void CoarseSpace::set_weights(const std::vector<double>& diagonal) {
-  weights_.resize(own_.size());
-  for (std::size_t entry = 0; entry < own_.size(); ++entry) {
-    const int camera = static_cast<int>(entry) / size(), k = static_cast<int>(entry) % size();
-    weights_[entry] = schur_.diagonal_block(camera)[place_[size() * k + k]];
-  }
+  const int cameras = normal_.graph().num_cameras;
+  const auto add_diagonal_of = [this](int i, const double* block) {
+    double* weights = weights_.data() + static_cast<long>(size()) * i;
+    for (int k = 0; k < size(); ++k) weights[k] += block[place_[size() * k + k]];
+  };
+  weights_.assign(own_.size(), 0.0);
+  for (int i = 0; i < cameras; ++i) add_diagonal_of(i, schur_.diagonal_block(i));
   normal_.exchange().sum(weights_);
+  for (int i = 0; i < cameras; ++i) {
+    normal_.camera_terms().for_each_block(i, [&](int j, const double* block) {
+      if (j == i) add_diagonal_of(i, block);
+    });
+  }
   for (std::size_t entry = 0; entry < own_.size(); ++entry) {
     const int column = normal_.map().column[entry];
     weights_[entry] = column == kNoColumn ? 0.0 : weights_[entry] + diagonal[column];
@@ -119,6 +139,24 @@ void CoarseSpace::orthonormalise(int aggregate) {
   }
 }
 
+// Cameras of other ranks have their rows of S, and their entries of r, there.
+template <class F>
+void CoarseSpace::for_each_member_here(int aggregate, const F& f) const {
+  for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
+    if (partition_.is_own(aggregates_.members[m])) f(aggregates_.members[m]);
+  }
+}
+
+// Calls f(column, row of Z) for the columns that are of this camera alone.
+template <class F>
+void CoarseSpace::for_each_own_column(int camera, const F& f) const {
+  const int* columns = normal_.map().columns_of(camera);
+  for (int k = 0; k < size(); ++k) {
+    if (own_[static_cast<std::size_t>(size()) * camera + k])
+      f(columns[k], z_of(camera) + static_cast<long>(num_modes()) * k);
+  }
+}
+
 // The rows of S of the cameras i of an aggregate: Zᵢᵀ Σ Sᵢⱼ Zⱼ over the cameras j of each
 // aggregate.
 void CoarseSpace::add_rows(int aggregate, const std::vector<double>& diagonal) {
@@ -131,8 +169,7 @@ void CoarseSpace::add_rows(int aggregate, const std::vector<double>& diagonal) {
     if (std::exchange(is_touched[other], 1) == 0) touched.push_back(other);
     return sums.data() + length * other;
   };
-  for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
-    const int i = aggregates_.members[m];
+  for_each_member_here(aggregate, [&](int i) {
     add_row(i, diagonal, sums_of);
     for (int other : touched) {
       add_to_matrix(i, aggregate, other, sums.data() + length * other);
@@ -140,11 +177,10 @@ void CoarseSpace::add_rows(int aggregate, const std::vector<double>& diagonal) {
       is_touched[other] = 0;
     }
     touched.clear();
-  }
+  });
 }
 
-// Of the blocks on the diagonal a half, since the whole is this and its transpose. What is
-// replicated, B and λD, is added by the root.
+// Of the blocks on the diagonal a half, since the whole is this and its transpose.
 template <class Sums>
 void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums& sums_of) const {
   const auto add = [&](int j, const double* block) {
@@ -153,8 +189,7 @@ void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums
         j, [&](int r, int c) { return share * block[place_[size() * r + c]]; }, sums_of(j));
   };
   add(i, schur_.diagonal_block(i));
-  const bool is_root = normal_.exchange().is_root();
-  if (is_root) normal_.camera_terms().for_each_block(i, add);
+  normal_.camera_terms().for_each_block(i, add);
   const float* block = schur_.blocks_of_row(i);
   for (int j : schur_.columns_of_row(i)) {
     add_product(
@@ -165,7 +200,6 @@ void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums
         sums_of(j));
     block += place_.size();
   }
-  if (!is_root) return;
   double* sums = sums_of(i);
   const double* z = z_of(i);
   for (int r = 0; r < size(); ++r) {
@@ -199,35 +233,42 @@ void CoarseSpace::add_to_matrix(int i,
     for (int a = 0; a < modes; ++a) {
       double* row = rows_.data() + columns * (static_cast<long>(modes) * row_aggregate + a) +
                     static_cast<long>(modes) * column_aggregate;
-      for (int b = 0; b < modes; ++b) row[b] += z[modes * r + a] * sums[modes * r + b];
+      for (int b = 0; b < modes; ++b)
+        row[b] += (z[modes * r + a] * sums[modes * r + b] + middle_) - middle_;
     }
   }
 }
 
 void CoarseSpace::add_correction(const std::vector<double>& r, std::vector<double>& z) {
   if (!usable_) return;
-  const int modes = num_modes();
-  coarse_.assign(static_cast<std::size_t>(aggregates_.count()) * modes, 0.0);
-  const auto for_each_own = [&](int aggregate, const auto& f) {
-    for (int m = aggregates_.begin[aggregate]; m < aggregates_.begin[aggregate + 1]; ++m) {
-      const int i = aggregates_.members[m];
-      const int* columns = normal_.map().columns_of(i);
-      for (int k = 0; k < size(); ++k) {
-        if (own_[static_cast<std::size_t>(size()) * i + k]) f(columns[k], z_of(i) + modes * k);
-      }
-    }
-  };
-  normal_.pool().parallel_for(aggregates_.count(), [&](int aggregate) {
-    double* sum = coarse_.data() + static_cast<long>(modes) * aggregate;
-    for_each_own(aggregate, [&](int column, const double* row) {
-      for (int c = 0; c < modes; ++c) sum[c] += row[c] * r[column];
-    });
-  });
-  normal_.exchange().sum(coarse_);
+  sums_.assign(static_cast<std::size_t>(aggregates_.count()) * num_modes(), {});
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { restrict(k, r); });
+  normal_.exchange().sum(sums_);
+  coarse_.resize(sums_.size());
+  std::ranges::transform(sums_, coarse_.begin(), &CompensatedSum::value);
   cholesky_->solve(coarse_);
-  normal_.pool().parallel_for(aggregates_.count(), [&](int aggregate) {
-    const double* sum = coarse_.data() + static_cast<long>(modes) * aggregate;
-    for_each_own(aggregate, [&](int column, const double* row) {
+  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { prolong(k, z); });
+}
+
+// Zᵀ r of an aggregate: what a camera adds is of one rank, their sum may be of several.
+void CoarseSpace::restrict(int aggregate, const std::vector<double>& r) {
+  const int modes = num_modes();
+  CompensatedSum* sums = sums_.data() + static_cast<long>(modes) * aggregate;
+  std::vector<double> of_camera(modes);
+  for_each_member_here(aggregate, [&](int i) {
+    std::ranges::fill(of_camera, 0.0);
+    for_each_own_column(i, [&](int column, const double* row) {
+      for (int c = 0; c < modes; ++c) of_camera[c] += row[c] * r[column];
+    });
+    for (int c = 0; c < modes; ++c) sums[c] += of_camera[c];
+  });
+}
+
+void CoarseSpace::prolong(int aggregate, std::vector<double>& z) const {
+  const int modes = num_modes();
+  const double* sum = coarse_.data() + static_cast<long>(modes) * aggregate;
+  for_each_member_here(aggregate, [&](int i) {
+    for_each_own_column(i, [&](int column, const double* row) {
       for (int c = 0; c < modes; ++c) z[column] += row[c] * sum[c];
     });
   });

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 namespace sfmcpp::linear {
@@ -69,34 +70,51 @@ DistributedSchurRows::DistributedSchurRows(const NormalEquations& normal,
   places_.resize(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
   parts_.resize(normal.pool().num_threads());
   send_headers();
+  for (const Round& round : rounds_) {
+    sent_.reserve(static_cast<std::size_t>(round.num_sent));
+    received_.reserve(static_cast<std::size_t>(round.num_received));
+  }
 }
 
 bool DistributedSchurRows::is_sent(int camera) const {
   return !partition_.is_own(camera) && normal_.graph().observations_of_camera(camera) > 0;
 }
 
-int DistributedSchurRows::choose_rounds() const {
-  double sent = 0.0;
+// Of each row, those that other ranks than its own send of it.
+std::vector<double> DistributedSchurRows::numbers_on_their_way() const {
+  std::vector<double> numbers(normal_.graph().num_cameras, 0.0);
   for (int i = 0; i < normal_.graph().num_cameras; ++i) {
     if (is_sent(i))
-      sent += static_cast<double>(numbers_of(behind_diagonal(here_->pattern, i).size()));
+      numbers[i] = static_cast<double>(numbers_of(behind_diagonal(here_->pattern, i).size()));
   }
+  return numbers;
+}
+
+int DistributedSchurRows::choose_rounds(const std::vector<double>& numbers) const {
+  const double sent = std::reduce(numbers.begin(), numbers.end());
   const double rounds = std::ceil(normal_.exchange().max(sent) / kNumbersOfRound);
   return static_cast<int>(std::clamp(rounds, 1.0, kMostRounds));
 }
 
-// Every rank sends and receives in each: the rows of each are divided, in their order.
+// Every rank sends and receives in each: the rows of each are divided in their order, one half of a
+// round by what is on its way, which sets the memory, the other by rows, which set the time.
 void DistributedSchurRows::divide_into_rounds() {
   const int ranks = normal_.exchange().num_ranks(), cameras = normal_.graph().num_cameras;
   const std::vector<int> none(ranks, 0);
-  rounds_.assign(choose_rounds(),
-                 {.rows = {}, .sent = {}, .sent_counts = none, .received_counts = none});
-  std::vector<long> count(ranks), next(ranks);
-  for (int i = 0; i < cameras; ++i) ++count[partition_.owner(i)];
+  std::vector<double> numbers = numbers_on_their_way();
+  const int rounds = choose_rounds(numbers);
+  rounds_.assign(rounds, {.rows = {}, .sent = {}, .sent_counts = none, .received_counts = none});
+  normal_.exchange().sum(numbers);
+  std::vector<double> rows(ranks), sums(ranks), before(ranks);
+  for (int i = 0; i < cameras; ++i) {
+    rows[partition_.owner(i)] += 1.0;
+    sums[partition_.owner(i)] += numbers[i];
+  }
   for (int i = 0; i < cameras; ++i) {
     const int owner = partition_.owner(i);
-    const auto round = next[owner]++ * static_cast<long>(rounds_.size()) / count[owner];
-    round_of_row_.push_back(static_cast<int>(round));
+    const int round = std::min(static_cast<int>(before[owner] * rounds), rounds - 1);
+    before[owner] += 0.5 / rows[owner] + 0.5 * numbers[i] / std::max(sums[owner], 1.0);
+    round_of_row_.push_back(round);
     rounds_[round].rows.push_back(i);
   }
 }

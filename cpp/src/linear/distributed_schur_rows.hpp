@@ -28,6 +28,8 @@ class DistributedSchurRows {
   // Rows are sent and formed in rounds, so that what is on its way is small.
   int num_rounds() const { return static_cast<int>(rounds_.size()); }
   const std::vector<int>& rows_of_round(int round) const { return rounds_[round].rows; }
+  // Numbers that other ranks send for the rows of a round.
+  long received_in_round(int round) const { return rounds_[round].num_received; }
   // Before the first round: scales the grid for the Jacobian that the normal equations hold.
   void begin() { grid_.set(normal_); }
   // Sends what the points here add to the rows of others in this round, for the factors that the
@@ -62,7 +64,8 @@ class DistributedSchurRows {
   }
   // Whether points here add to the row of another rank.
   bool is_sent(int camera) const;
-  int choose_rounds() const;
+  std::vector<double> numbers_on_their_way() const;
+  int choose_rounds(const std::vector<double>& numbers) const;
   void divide_into_rounds();
   void send_headers();
   void read_headers(const std::vector<double>& headers, const std::vector<int>& counts);

@@ -66,12 +66,13 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,
                                          const std::function<bool()>& should_stop) {
   elimination_.factor(damping);
-  diagonal_ = normal_.camera_damping(damping);
+  const Vector whole_diagonal = normal_.camera_damping(damping);
+  product_.columns().take(whole_diagonal, diagonal_);
   SchurOperator& schur = product_.schur();
   Vector whole, own;
   schur.assemble(preconditioner_.diagonal(), whole);
   product_.columns().take(whole, rhs_);
-  preconditioner_.factor(diagonal_);
+  preconditioner_.factor(whole_diagonal);
   const double tolerance =
       options_.pcg_tolerance.value_or(blocks_ ? kFloorOfBlocks : kFloorFromJacobian);
   ConjugateGradientResult result =
@@ -108,7 +109,7 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
 
 void IterativeSolver::precondition(const Vector& in, Vector& out) {
   if (partition_.are_all_own()) return preconditioner_.solve(in, out);
-  in_.resize(diagonal_.size());  // zero but for own columns
+  in_.resize(normal_.map().num_columns);  // zero but for own columns
   product_.columns().place(in, in_);
   preconditioner_.solve(in_, out_);
   product_.columns().take(out_, out);

@@ -60,8 +60,8 @@ class IterativeSolver final : public LinearSolver {
   DistributedProduct product_;                     // with the blocks, if there are any
   std::unique_ptr<DistributedProduct> unrounded_;  // where it is needed
   SchurPreconditioner preconditioner_;
-  Vector diagonal_;  // λD
-  Vector rhs_;       // of this rank's columns, as all vectors but these:
+  Vector diagonal_;  // λD of this rank's columns, as all vectors but those of the preconditioner
+  Vector rhs_;
   Vector in_, out_;  // of the preconditioner, where there are more ranks
 };
 

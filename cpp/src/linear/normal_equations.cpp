@@ -199,14 +199,7 @@ void NormalEquations::sum_chunks(long first, std::vector<double>& values) const 
     return;
   }
   std::vector<CompensatedSum> sums(map_.num_columns);
-  for_each_camera_in_order([&](int i, Columns columns) {
-    for (int chunk = graph_.chunk_begin[i]; chunk < graph_.chunk_begin[i + 1]; ++chunk) {
-      const double* sum = chunk_sums_.data() + chunk_size() * chunk + first;
-      const double* rest = sum + 2L * map_.camera_size;
-      for_each_column(
-          i, columns, [&](int k, int column) { sums[column] += CompensatedSum(sum[k], rest[k]); });
-    }
-  });
+  fold_chunks(chunk_sums_.data() + first, chunk_size(), 2L * map_.camera_size, sums.data());
   exchange_.sum(sums);
   std::ranges::transform(sums, values.begin(), &CompensatedSum::value);
 }
@@ -245,17 +238,24 @@ PointBlock NormalEquations::gathered(const Blocks<T>& blocks, int p) const {
   return block;
 }
 
-void NormalEquations::fold(const double* block,
-                           int camera,
-                           Columns columns,
-                           double* reduced) const {
-  for_each_column(camera, columns, [&](int k, int column) { reduced[column] += block[k]; });
-}
-
 void NormalEquations::fold_chunks(const double* blocks, long stride, double* reduced) const {
   for_each_camera_in_order([&](int i, Columns columns) {
     for (int chunk = graph_.chunk_begin[i]; chunk < graph_.chunk_begin[i + 1]; ++chunk)
       fold(blocks + stride * chunk, i, columns, reduced);
+  });
+}
+
+void NormalEquations::fold_chunks(const double* blocks,
+                                  long stride,
+                                  long rests,
+                                  CompensatedSum* reduced) const {
+  for_each_camera_in_order([&](int i, Columns columns) {
+    for (int chunk = graph_.chunk_begin[i]; chunk < graph_.chunk_begin[i + 1]; ++chunk) {
+      const double* sum = blocks + stride * chunk;
+      for_each_column(i, columns, [&](int k, int column) {
+        reduced[column] += CompensatedSum(sum[k], sum[rests + k]);
+      });
+    }
   });
 }
 

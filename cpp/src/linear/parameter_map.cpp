@@ -8,13 +8,6 @@ void ParameterMap::expand(const double* reduced, int camera, double* block) cons
     block[k] = columns[k] == kNoColumn ? 0.0 : reduced[columns[k]];
 }
 
-void ParameterMap::fold(const double* block, int camera, double* reduced) const {
-  const int* columns = columns_of(camera);
-  for (int k = 0; k < camera_size; ++k) {
-    if (columns[k] != kNoColumn) reduced[columns[k]] += block[k];
-  }
-}
-
 std::vector<char> shared_columns(const ParameterMap& map) {
   std::vector<char> cameras(map.num_columns, 0);  // of each column, up to two
   for (int column : map.column) {

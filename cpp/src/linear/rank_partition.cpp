@@ -143,4 +143,24 @@ void ColumnPartition::sum_ghosts(Vector& whole, Vector& own) {
   pick(whole, own_, own);
 }
 
+void ColumnPartition::sum_ghosts(std::vector<CompensatedSum>& whole, Vector& own) {
+  if (!is_only_rank()) add_ghosts(whole);
+  Vector rounded(whole.size());
+  std::ranges::transform(whole, rounded.begin(), &CompensatedSum::value);
+  take(rounded, own);
+}
+
+void ColumnPartition::add_ghosts(std::vector<CompensatedSum>& whole) {
+  const auto delivered = [&](double CompensatedSum::*part) {
+    sent_.clear();
+    for (int column : ghosts_) sent_.push_back(whole[column].*part);
+    received_.resize(sent_columns_.size());
+    exchange_.deliver(sent_, ghost_counts_, received_, sent_counts_);
+    return received_;
+  };
+  const Vector sums = delivered(&CompensatedSum::sum), rests = delivered(&CompensatedSum::rest);
+  for (std::size_t k = 0; k < sent_columns_.size(); ++k)
+    whole[sent_columns_[k]] += CompensatedSum(sums[k], rests[k]);
+}
+
 }  // namespace sfmcpp::linear

@@ -51,9 +51,12 @@ class ColumnPartition {
   const Vector& with_ghosts(const Vector& own);
   // The numbers of own columns, each the sum over the ranks that touch it; `whole` is used up.
   void sum_ghosts(Vector& whole, Vector& own);
+  // The same of compensated sums, rounded.
+  void sum_ghosts(std::vector<CompensatedSum>& whole, Vector& own);
 
  private:
   void find_ghosts(const std::vector<char>& is_needed);
+  void add_ghosts(std::vector<CompensatedSum>& whole);
   bool is_only_rank() const { return exchange_.num_ranks() == 1; }
 
   Exchange& exchange_;

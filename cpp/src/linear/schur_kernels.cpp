@@ -210,17 +210,21 @@ void schur_product(const StoredJacobian& jacobian,
                    const double* x,
                    double* out) {
   const Stored<D, T> stored(jacobian);
-  Row<D> step, sum;
+  Row<D> step, sum, rest;
   load_row(x, step);
   load_row(out, sum);
+  load_row(out + D, rest);
   for (long a = begin; a < end; ++a) {
     const Rows<D> rows(stored.j(a));
     const auto& row = stored.record(a).row;
     const double* t = shifts + 3L * point[a];
-    add_scaled(sum, rows.first, dot(rows.first, step) - dot3(t, row[0].by_point));
-    add_scaled(sum, rows.second, dot(rows.second, step) - dot3(t, row[1].by_point));
+    const double u = dot(rows.first, step) - dot3(t, row[0].by_point);
+    const double v = dot(rows.second, step) - dot3(t, row[1].by_point);
+    add_compensated_scaled(sum, rest, rows.first, u);
+    add_compensated_scaled(sum, rest, rows.second, v);
   }
   store_row(out, sum);
+  store_row(out + D, rest);
 }
 
 template <int D, class T>

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 
 #include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/block_product_kernels.hpp"
@@ -28,15 +29,21 @@ class ImplicitSchur final : public SchurOperator {
   }
 
   void add_product(const std::vector<double>& x, std::vector<double>& out) override {
+    std::vector<CompensatedSum> sums(out.begin(), out.end());
+    add_product(x, sums);
+    std::ranges::transform(sums, out.begin(), &CompensatedSum::value);
+  }
+
+  void add_product(const std::vector<double>& x, std::vector<CompensatedSum>& out) override {
     const ObservationGraph& graph = normal_.graph();
     const long size = normal_.map().camera_size;
     shifts_.resize(3 * static_cast<std::size_t>(graph.num_points));
-    chunk_sums_.resize(graph.chunks.size() * static_cast<std::size_t>(size));
+    chunk_sums_.resize(graph.chunks.size() * static_cast<std::size_t>(2 * size));
     set_shifts(elimination_.point_sums(x));
     normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
       const Chunk& c = graph.chunks[chunk];
-      double* sum = chunk_sums_.data() + size * chunk;
-      std::fill_n(sum, size, 0.0);
+      double* sum = chunk_sums_.data() + 2 * size * chunk;
+      std::fill_n(sum, 2 * size, 0.0);
       normal_.kernels().schur_product(normal_.jacobian(),
                                       c.begin,
                                       c.end,
@@ -45,7 +52,7 @@ class ImplicitSchur final : public SchurOperator {
                                       elimination_.expanded(c.camera),
                                       sum);
     });
-    normal_.fold_chunks(chunk_sums_.data(), size, out.data());
+    normal_.fold_chunks(chunk_sums_.data(), 2 * size, size, out.data());
   }
 
  private:
@@ -58,7 +65,7 @@ class ImplicitSchur final : public SchurOperator {
   const NormalEquations& normal_;
   PointElimination& elimination_;
   AlignedVector<double> shifts_;      // t per point
-  AlignedVector<double> chunk_sums_;  // per chunk: a camera block
+  AlignedVector<double> chunk_sums_;  // per chunk: a camera block, and what is rounded off
 };
 
 }  // namespace
@@ -182,10 +189,7 @@ void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal
   const auto num_blocks = static_cast<long>(columns_of_row(i).size());
   AlignedVector<double>& row = rows_[worker];
   row.resize(static_cast<std::size_t>(area() * num_blocks));
-  double rhs[2 * kMaxCameraSize];
-  schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), rhs);
-  const int size = normal_.map().camera_size;
-  for (int k = 0; k < size; ++k) diagonal.camera_rhs(i)[k] = rhs[k] + rhs[size + k];
+  schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), diagonal.camera_rhs(i));
   float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
   for (long k = 0; k < num_blocks; ++k)
     kernels_.round(row.data() + area() * k,
@@ -194,7 +198,8 @@ void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal
                    rounded + area() * k);
 }
 
-void BlockSparseSchur::add_product(const std::vector<double>& x, std::vector<double>& out) {
+template <class Number>
+void BlockSparseSchur::multiply(const std::vector<double>& x, std::vector<Number>& out) {
   expand(x);
   // No entry of a block is larger than 1.
   const int size = normal_.map().camera_size;
@@ -310,13 +315,22 @@ DistributedProduct::DistributedProduct(const NormalEquations& normal,
       columns_(normal, partition, touched_cameras(normal, schur, is_own_)) {}
 
 void DistributedProduct::apply(const Vector& diagonal, const Vector& x, Vector& out) {
+  if (schur_.is_rounded() && normal_.camera_terms().empty()) {
+    multiply(x, whole_, out);
+  } else {
+    multiply(x, whole_sums_, out);
+  }
+  for (std::size_t k = 0; k < out.size(); ++k) out[k] += diagonal[k] * x[k];
+}
+
+template <class Number>
+void DistributedProduct::multiply(const Vector& x, std::vector<Number>& whole, Vector& out) {
   const Vector& whole_x = columns_.with_ghosts(x);
-  whole_.assign(whole_x.size(), 0.0);
-  schur_.add_product(whole_x, whole_);
-  normal_.camera_terms().add_product(normal_.map(), is_own_, whole_x, whole_);
-  columns_.sum_ghosts(whole_, out);
-  columns_.take(diagonal, own_diagonal_);
-  for (std::size_t k = 0; k < out.size(); ++k) out[k] += own_diagonal_[k] * x[k];
+  whole.assign(whole_x.size(), Number());
+  schur_.add_product(whole_x, whole);
+  if constexpr (std::is_same_v<Number, CompensatedSum>)
+    normal_.camera_terms().add_product(normal_.map(), is_own_, whole_x, whole);
+  columns_.sum_ghosts(whole, out);
 }
 
 }  // namespace sfmcpp::linear

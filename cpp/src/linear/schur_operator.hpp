@@ -22,9 +22,11 @@ class SchurOperator {
   virtual void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) = 0;
   // out += Pᵀ S P x of what this rank has of S; neither B of camera_terms.hpp nor λD.
   virtual void add_product(const std::vector<double>& x, std::vector<double>& out) = 0;
+  virtual void add_product(const std::vector<double>& x, std::vector<CompensatedSum>& out) = 0;
   // Whether the product reads or adds to columns of each camera.
   virtual std::vector<char> touched_cameras() const = 0;
-  // Whether entries of S are rounded to single precision.
+  // Whether entries of S are rounded to single precision. Their sums are exact then; others have to
+  // be compensated to have the same bits however points are divided among ranks.
   virtual bool is_rounded() const = 0;
 };
 
@@ -45,7 +47,12 @@ class BlockSparseSchur final : public SchurOperator {
 
   // A row is formed in double precision and rounded when it is complete.
   void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override;
-  void add_product(const std::vector<double>& x, std::vector<double>& out) override;
+  void add_product(const std::vector<double>& x, std::vector<double>& out) override {
+    multiply(x, out);
+  }
+  void add_product(const std::vector<double>& x, std::vector<CompensatedSum>& out) override {
+    multiply(x, out);
+  }
   bool is_rounded() const override { return true; }
   std::vector<char> touched_cameras() const override { return touched_; }
 
@@ -79,6 +86,8 @@ class BlockSparseSchur final : public SchurOperator {
   std::size_t numbers_of(const std::vector<RowTask>& tasks) const;
   std::vector<RowTask> choose_tasks() const;
   void form_row(int i, int worker, CameraBlockDiagonal& diagonal);
+  template <class Number>
+  void multiply(const std::vector<double>& x, std::vector<Number>& out);
   void multiply_rows(const RowTask& task);
   void expand(const std::vector<double>& x);
   double largest_of_x() const;
@@ -111,15 +120,20 @@ class DistributedProduct {
 
   SchurOperator& schur() { return schur_; }
   const ColumnPartition& columns() const { return columns_; }
-  // With λD in `diagonal`, of all columns.
+  // With λD in `diagonal`; all three of own columns.
   void apply(const Vector& diagonal, const Vector& x, Vector& out);
 
  private:
+  template <class Number>
+  void multiply(const Vector& x, std::vector<Number>& whole, Vector& out);
+
   const NormalEquations& normal_;
   SchurOperator& schur_;
   std::vector<char> is_own_;  // camera
   ColumnPartition columns_;
-  Vector whole_, own_diagonal_;
+  // Products with all columns: where sums are exact, and where they are not.
+  Vector whole_;
+  std::vector<CompensatedSum> whole_sums_;
 };
 
 }  // namespace sfmcpp::linear

@@ -164,7 +164,7 @@ SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
   if (groups.kind == PreconditionerKind::kSchurJacobi) return;
   clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, partition, groups.clusters);
   if (groups.kind == PreconditionerKind::kTwoLevels)
-    coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, groups.neighbours);
+    coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, partition, groups.neighbours);
 }
 
 void SchurPreconditioner::factor(const std::vector<double>& damping) {

@@ -1,6 +1,7 @@
 // Compiled once per instruction set; see core/isa.hpp for what may be used here.
 #include "packed_batch.hpp"
 #include "sfmcpp/cameras/visit_camera.hpp"
+#include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/residuals/algebraic.hpp"
 #include "sfmcpp/residuals/reprojection.hpp"
 
@@ -27,35 +28,35 @@ SFMCPP_INLINE void multiply(const double* matrix, const Real* q, Real* out) {
 
 // The nine sums, lane by lane.
 struct Sums {
-  Real aa{0.0}, ap{0.0}, aq{0.0}, pp{0.0}, qq{0.0}, pq{0.0}, pc{0.0}, qc{0.0}, cc{0.0};
+  Real values[kAlgebraicSums] = {}, rests[kAlgebraicSums] = {};
 
   SFMCPP_INLINE void add(Crossed a, Crossed p, Crossed q, Crossed c) {
-    aa += dot(a, a);
-    ap += dot(a, p);
-    aq += dot(a, q);
-    pp += dot(p, p);
-    qq += dot(q, q);
-    pq += dot(p, q) + dot(a, c);
-    pc += dot(p, c);
-    qc += dot(q, c);
-    cc += dot(c, c);
+    const Real terms[kAlgebraicSums] = {dot(a, a),
+                                        dot(a, p),
+                                        dot(a, q),
+                                        dot(p, p),
+                                        dot(q, q),
+                                        dot(p, q) + dot(a, c),
+                                        dot(p, c),
+                                        dot(q, c),
+                                        dot(c, c)};
+    for (int k = 0; k < kAlgebraicSums; ++k) add_compensated(values[k], rests[k], terms[k]);
   }
 
-  Biquadratic total() const {
-    return {sum_of_lanes(aa),
-            sum_of_lanes(ap),
-            sum_of_lanes(aq),
-            sum_of_lanes(pp),
-            sum_of_lanes(qq),
-            sum_of_lanes(pq),
-            sum_of_lanes(pc),
-            sum_of_lanes(qc),
-            sum_of_lanes(cc)};
+  AlgebraicSums total() const {
+    AlgebraicSums out{};
+    for (int k = 0; k < kAlgebraicSums; ++k) {
+      for (int lane = 0; lane < kLanes; ++lane) {
+        add_compensated(out.sums[k], out.rests[k], values[k][lane]);
+        out.rests[k] += rests[k][lane];
+      }
+    }
+    return out;
   }
 };
 
 template <class Camera, bool kShaped>
-Biquadratic sums_of(const AlgebraicBatch& batch) {
+AlgebraicSums sums_of(const AlgebraicBatch& batch) {
   const ObservationBatch& seen = batch.observations;
   const double inverse_scale = 1.0 / batch.scale;
   Sums sums;
@@ -95,7 +96,7 @@ Biquadratic sums_of(const AlgebraicBatch& batch) {
 }
 
 template <class Camera>
-Biquadratic sums(const AlgebraicBatch& batch) {
+AlgebraicSums sums(const AlgebraicBatch& batch) {
   return batch.shapes.shear == nullptr ? sums_of<Camera, false>(batch)
                                        : sums_of<Camera, true>(batch);
 }

@@ -10,7 +10,6 @@ import typer
 import sfmcpp
 from sfmcpp.cli.bag import bag
 from sfmcpp.cli.choices import (
-    RIGS,
     Checkpoint,
     CheckpointEvery,
     Resume,
@@ -22,6 +21,7 @@ from sfmcpp.cli.choices import (
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.doctor import doctor
 from sfmcpp.cli.evaluate import evaluate
+from sfmcpp.cli.flags import RIGS
 from sfmcpp.cli.info import info
 from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam

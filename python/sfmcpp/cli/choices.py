@@ -11,10 +11,9 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from sfmcpp._core import SolveOption
-from sfmcpp.ba.options import OPTIONS, signature_with_options
+from sfmcpp.ba.options import signature_with_options
+from sfmcpp.cli.flags import flag
 
-# What holds the cameras of a rig to each other.
-RIGS = ("fixed", "free", "ignore")
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 Checkpoint = Annotated[
@@ -78,7 +77,7 @@ def _annotation(option: SolveOption) -> Any:
         type_ = type_ | None
     if option.unit == "bytes":
         type_, look["parser"], look["metavar"] = Any, _number_of_bytes, "BYTES|8GB|…"
-    return Annotated[type_, typer.Option(_flag(option), **look)]
+    return Annotated[type_, typer.Option(flag(option), **look)]
 
 
 _BYTES = {"": 1, "B": 1}
@@ -88,18 +87,6 @@ for _power, _prefix in enumerate("KMGT", start=1):
         f"{_prefix}B": 10 ** (3 * _power),
         f"{_prefix}IB": 2 ** (10 * _power),
     }
-
-
-def as_options(text: str) -> str:
-    """A message of a solve, ``name = value: rule``, with options as the command line has them."""
-    for option in OPTIONS.values():
-        text = re.sub(rf"\b{option.name} = ", f"{_flag(option)} ", text)
-    return text
-
-
-def _flag(option: SolveOption) -> str:
-    name = option.name.removesuffix("_bytes") if option.unit == "bytes" else option.name
-    return "--" + name.replace("_", "-")
 
 
 def _number_of_bytes(text: str) -> float:
@@ -119,7 +106,7 @@ def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:
         except ValueError:
             raise typer.BadParameter(
                 f"{text!r} is neither a number of {option.unit} nor {option.unset!r}",
-                param_hint=f"'{_flag(option)}'",
+                param_hint=f"'{flag(option)}'",
             ) from None
 
     return read

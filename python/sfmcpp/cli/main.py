@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from sfmcpp.cli.console import ExitCode, print_error, print_interrupted
 from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
+from sfmcpp.cli.reading_apart import is_read_apart, solve_as_read_apart
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,9 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     empty = next((a for a in given if a == "" or (a.startswith("--") and a.endswith("="))), None)
     if empty is not None:
         return print_error(f"argument {empty!r}: its value is empty")
+    if is_read_apart(given):
+        return _guarded(lambda: solve_as_read_apart(lambda: _guarded(lambda: _dispatch(given))))
+    return _guarded(lambda: _dispatch(given))
+
+
+def _guarded(task: Callable[[], int]) -> int:
     try:
         with termination_as_ctrl_c(), repeated_lost_interrupts():
-            return _dispatch(given)
+            return task()
     except ModuleNotFoundError as error:
         return print_error(
             f"{error.name}, which sfmcpp needs, is not installed: pip install sfmcpp installs it"

@@ -17,6 +17,11 @@ _SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
 _QUIET_ABORT = "MPIR_CVAR_SUPPRESS_ABORT_MESSAGE"
 
 
+def num_launched() -> int:
+    """Count the processes that a known launcher says it has started with this one."""
+    return max(int(os.environ.get(name, "1")) for name in _SIZES)
+
+
 def launched_ranks(*, asked: bool) -> Ranks | None:
     """Find the processes of this command; None if it runs alone.
 
@@ -30,7 +35,7 @@ def launched_ranks(*, asked: bool) -> Ranks | None:
     InvalidArgument
         If there is no MPI that mpi4py can load, or it is not that of the launcher.
     """
-    launched = max(int(os.environ.get(name, "1")) for name in _SIZES)
+    launched = num_launched()
     if launched == 1 and not asked:
         return None
     os.environ.setdefault(_QUIET_ABORT, "1")

@@ -13,9 +13,9 @@ from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.choices import RIGS, as_options
 from sfmcpp.cli.console import ExitCode, print_error, print_note
 from sfmcpp.cli.covariances import Precision
+from sfmcpp.cli.flags import RIGS, as_options
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks

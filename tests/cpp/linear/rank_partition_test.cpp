@@ -1,6 +1,7 @@
 // Cameras, columns and rows of S on the ranks that they belong to.
 #include "../../../cpp/src/linear/rank_partition.hpp"
 
+#include <algorithm>
 #include <utility>
 
 #include <gtest/gtest.h>
@@ -111,6 +112,32 @@ TEST(DistributedSchurRows, AreThoseOfOneRank) { expect_rows_of_one_rank(chain_in
 
 TEST(DistributedSchurRows, AreSentInRoundsWhereTheyAreMany) {
   expect_rows_of_one_rank(chain_in_common(), 2);
+}
+
+// Rank 0 has the first third of a long chain, rank 1 the last, and both have the middle.
+SystemOptions chain_in_thirds() {
+  const auto sees = [](int camera, int point) {
+    const int place = (point % 2 + point / 2 % 2 + 1.0 * point / 2400) * 120;
+    return camera >= place && camera < place + 64;
+  };
+  return {.cameras = 424, .points = 2400, .camera_size = 6, .sees = sees, .dense = false};
+}
+
+TEST(DistributedSchurRows, AreAlikeInWhatTheirRoundsReceive) {
+  support::play_ranks(2, [&](Exchange& exchange) {
+    const RandomSystem part(chain_in_thirds(), exchange);
+    const PointElimination elimination(part.normal());
+    const auto structure = structure_of(part);
+    const CameraPartition shares = shares_of(part, structure->pattern);
+    const DistributedSchurRows rows(part.normal(), elimination, shares, structure);
+    ASSERT_GE(rows.num_rounds(), 4);
+    long all = 0, most = 0;
+    for (int round = 0; round < rows.num_rounds(); ++round) {
+      all += rows.received_in_round(round);
+      most = std::max(most, rows.received_in_round(round));
+    }
+    EXPECT_LE(most * rows.num_rounds(), 2.2 * all);
+  });
 }
 
 TEST(ColumnPartition, SpreadAndCollectWhatIsTouchedAlone) {

@@ -115,32 +115,44 @@ TEST_P(Ranks, SolveForTheStepOfTheWhole) {
   }
 }
 
-// Of systems with S in blocks, which is where conjugate gradients take many iterations.
-TEST_P(Ranks, HaveTheBitsOfTheWholeInConjugateGradients) {
+using Structure = std::shared_ptr<const ReducedStructure>;
+
+// solve(system) on one rank has the bits that it has on several, in either precision.
+template <class Solve>
+void expect_bits_of_the_whole(support::SystemOptions options, const Solve& solve) {
   if (!support::products_are_fused()) GTEST_SKIP() << "products are rounded before they are added";
+  options.compensated = true;
   for (const Precision stored : {Precision::kDouble, Precision::kSingle}) {
-    support::SystemOptions options = GetParam();
-    options.pairs.clear();
     options.stored = stored;
-    options.compensated = true;
-    const auto solve = [&](Exchange& exchange) {
-      const RandomSystem system(options, exchange);
-      const auto structure = std::make_shared<ReducedStructure>(
-          ReducedStructure{.pattern = make_global_camera_pattern(
-                               system.graph, {}, system.normal().pool(), exchange)});
-      IterativeSolver solver(system.normal(), {.kind = LinearSolverKind::kIterative}, structure);
-      Step step;
-      EXPECT_TRUE(
-          solver.solve({1e-6, DampingMatrix::kDiagonal}, step, [] { return false; }).success);
-      return step;
-    };
-    const Step whole = solve(this_process());
+    const std::vector<double> whole = solve(RandomSystem(options));
     for (int ranks = 2; ranks <= 4; ++ranks) {
       support::play_ranks(ranks, [&](Exchange& exchange) {
-        EXPECT_EQ(solve(exchange).camera, whole.camera) << ranks << " ranks";
+        EXPECT_EQ(solve(RandomSystem(options, exchange)), whole) << ranks << " ranks";
       });
     }
   }
+}
+
+std::vector<double> cameras_of_step(const RandomSystem& system, const Structure& structure) {
+  IterativeSolver solver(system.normal(), {.kind = LinearSolverKind::kIterative}, structure);
+  Step step;
+  EXPECT_TRUE(solver.solve({1e-6, DampingMatrix::kDiagonal}, step, [] { return false; }).success);
+  return step.camera;
+}
+
+TEST_P(Ranks, HaveTheBitsOfTheWholeInConjugateGradientsOverBlocks) {
+  expect_bits_of_the_whole(GetParam(), [](const RandomSystem& system) {
+    const NormalEquations& normal = system.normal();
+    return cameras_of_step(system,
+                           std::make_shared<ReducedStructure>(ReducedStructure{
+                               .pattern = make_global_camera_pattern(
+                                   system.graph, {}, normal.pool(), normal.exchange())}));
+  });
+}
+
+TEST_P(Ranks, HaveTheBitsOfTheWholeInConjugateGradientsFromTheJacobian) {
+  expect_bits_of_the_whole(
+      GetParam(), [](const RandomSystem& system) { return cameras_of_step(system, nullptr); });
 }
 
 TEST_P(Ranks, SweepAndPreconditionAsTheWhole) {

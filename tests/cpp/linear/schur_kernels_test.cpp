@@ -335,9 +335,10 @@ TEST_P(SchurKernel, PointSumsAddTheWhitenedStepsOfThePointsCameras) {
 TEST_P(SchurKernel, SchurProductAddsWhatTheShiftedPointsLeaveOfTheStep) {
   const AlignedVector<double> x = random_numbers(size, random),
                               shifts = random_numbers(3UL * kPoints, random);
-  AlignedVector<double> out(size, 3.0);
+  AlignedVector<double> out(2UL * size, 3.0);
   kernels.schur_product(
       stored(), 0, count, graph.point.data(), shifts.data(), x.data(), out.data());
+  for (int k = 0; k < size; ++k) out[k] += out[size + k] - 3.0;
   VectorXd expected = VectorXd::Constant(size, 3.0);
   for (int a = 0; a < count; ++a) {
     const Eigen::Map<const VectorXd> step(x.data(), size);

@@ -94,18 +94,30 @@ def preconditioners() -> None:
 
 
 def same_bits() -> None:
-    """Conjugate gradients over the blocks of S have the bits of one process, however points are divided."""
+    """Conjugate gradients, linear or not, have the bits of one process, however points are divided."""
     truth = sfmcpp.city_blocks_scene(60, seed=1)
-    start = sfmcpp.perturb(truth, position_sigma_m=0.3, point_sigma_m=0.3, seed=2)
-    for how in (
+    city = sfmcpp.perturb(truth, position_sigma_m=0.3, point_sigma_m=0.3, seed=2)
+    pairs = np.stack([np.arange(38), np.arange(20, 58)], axis=1)  # of cameras that lie far apart
+    distances = np.linalg.norm(truth.centres[pairs[:, 1]] - truth.centres[pairs[:, 0]], axis=1)
+    between = sfmcpp.ConstraintGroup("scale", pairs, distances, sigma=0.01)
+    ways: tuple[dict[str, Any], ...] = (
         {"preconditioner": "clusters"},
         {"preconditioner": "schur-jacobi", "precision": "single"},
         {"preconditioner": "clusters", "loss": "huber", "method": "dog-leg"},
+        {"preconditioner": "two-levels", "pcg_tolerance": 1e-8},
+        {"preconditioner": "clusters", "pcg_tolerance": 1e-8, "precision": "single"},
+        {"preconditioner": "two-levels", "constraints": [between]},
+        {"line_search": "g-als"},
+    )
+    nonlinear: dict[str, Any] = {"method": "conjugate-gradient", "line_search": "t-als"}
+    for start, how in (
+        *((city, {"linear_solver": "iterative", **how}) for how in ways),
+        (scene(), nonlinear),
+        (sfmcpp.as_projective(scene()), nonlinear),
     ):
-        solved: Any = {"linear_solver": "iterative", "max_iterations": 10, "function_tolerance": 0.0, **how}
         alone, mine = start.copy(), own_part(start)
-        costs = [i.cost for i in sfmcpp.solve(alone, threads=1, **solved).iterations]
-        assert [i.cost for i in sfmcpp.solve(mine, comm=COMM, threads=1, **solved).iterations] == costs
+        costs = [i.cost for i in sfmcpp.solve(alone, **OPTIONS, **how).iterations]
+        assert [i.cost for i in sfmcpp.solve(mine, comm=COMM, **OPTIONS, **how).iterations] == costs
         assert np.array_equal(mine.cameras, alone.cameras)
         assert np.array_equal(mine.points, own_part(alone).points)
 
@@ -365,7 +377,7 @@ def command_killed_at(iteration: int, rank: int, *words: str) -> None:
 def libraries_of_command(*words: str) -> None:
     """A solve of the command line, and which of the large libraries each rank has loaded for it."""
     assert main(["solve", *words, "--quiet"]) == 0
-    large = {"cv2", "matplotlib", "PIL", "scipy"}
+    large = {"cv2", "matplotlib", "PIL", "pydantic", "scipy", "typer"}
     loaded = COMM.gather(sorted(large & set(sys.modules)))
     if COMM.rank == 0:
         print(loaded)

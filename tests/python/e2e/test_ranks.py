@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 import sfmcpp
 from cli_helpers import is_one_error_line, run_here, strict_json, write_noisy_circle
+from sfmcpp.cli import reading_apart
 from sfmcpp.sources.synthetic import corridor_scene, perturb
 
 HERE = Path(__file__).parent
@@ -188,6 +190,26 @@ def test_a_rank_loads_no_library_that_it_does_not_need(
     result = on_ranks(2, "rank_cases.py", "libraries_of_command", tmp_path / name)
     require_success(result)
     assert result.stdout.strip() == str(loaded)
+
+
+@pytest.mark.parametrize(("fate", "code"), [("sleeps", 3), ("is killed", 2), ("fails", 2)])
+def test_a_child_that_does_not_read_the_arguments_ends_nothing_or_all(
+    fate: str, code: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it does not read within its time the rank reads itself."""
+    rank = os.getpid()
+
+    def read() -> int:
+        if os.getpid() == rank:
+            return 3
+        if fate == "is killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if fate == "sleeps":
+            time.sleep(TIMEOUT_S)
+        raise RuntimeError
+
+    monkeypatch.setattr(reading_apart, "_PATIENCE_S", 0.5 if fate == "sleeps" else TIMEOUT_S)
+    assert reading_apart.solve_as_read_apart(read) == code
 
 
 @pytest.mark.parametrize("solver", ["dense", "sparse"])

@@ -63,6 +63,7 @@ class MessageExchange final : public Exchange {
   void all_gather(std::span<const double> mine);
   // `received_` has what each rank has for this one in `mine_` then.
   void all_to_all();
+  void free_buffers();
   void note(double bytes, double seconds);
 
   Transport& transport_;

@@ -11,6 +11,7 @@
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
+#include "sfmcpp/linear/sum_grid.hpp"
 
 namespace sfmcpp::linear {
 
@@ -24,11 +25,12 @@ class CameraBlockDiagonal {
   void assemble(const PointFactor* factors, std::vector<double>& rhs);
 
   // The same in two parts, for callers that form these blocks themselves: the block Σ Jᵀ (I − G Gᵀ)
-  // J of each camera, in panel layout, and its Σ Jᵀ r̄ are written here; then they are gathered.
+  // J of each camera, in panel layout, and its Σ Jᵀ r̄ with what is rounded off behind it are
+  // written here; then they are gathered.
   double* camera_block(int i) {
     return camera_blocks_.data() + static_cast<long>(map_.camera_size) * map_.camera_size * i;
   }
-  double* camera_rhs(int i) { return camera_rhs_.data() + static_cast<long>(map_.camera_size) * i; }
+  double* camera_rhs(int i) { return camera_rhs_.data() + 2L * map_.camera_size * i; }
   // `ranks`: over which they are summed.
   void gather(std::vector<double>& rhs, Exchange& ranks);
 
@@ -60,7 +62,8 @@ class CameraBlockDiagonal {
   std::vector<int> all_blocks_;          // 0, 1, …
   std::vector<long> offset_;             // of each variable block in `blocks_`
   std::vector<double> blocks_;           // column by column; after `factor` the Cholesky factors
-  AlignedVector<double> camera_rhs_;     // per camera: a camera block
+  SumGrid grid_;                         // where sums are to have the same bits for any ranks
+  AlignedVector<double> camera_rhs_;     // per camera: a camera block, and what is rounded off
   AlignedVector<double> camera_blocks_;  // per camera, panel layout
 };
 

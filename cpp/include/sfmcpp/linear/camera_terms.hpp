@@ -52,7 +52,7 @@ class CameraTerms {
   void add_product(const ParameterMap& map,
                    const std::vector<char>& rows,
                    const std::vector<double>& x,
-                   std::vector<double>& out) const;
+                   std::vector<CompensatedSum>& out) const;
   // xᵀ Pᵀ B P x
   double quadratic_form(const ParameterMap& map, const std::vector<double>& x) const;
 
@@ -71,10 +71,11 @@ class CameraTerms {
                            const int* columns_of_i,
                            const int* columns_of_j,
                            std::vector<double>& diagonal) const;
+  template <class Number>
   void add_product_of_block(std::size_t b,
                             const ParameterMap& map,
                             const std::vector<double>& x,
-                            std::vector<double>& out) const;
+                            std::vector<Number>& out) const;
   void add_rhs_of(int camera, const CameraResidual& residual, const double* jacobian);
   void add_block(int rows, int i, const double* by_i, int j, const double* by_j);
 

@@ -170,9 +170,14 @@ class NormalEquations {
     }
   }
   // Adds those columns of a camera block to reduced values (Pᵀ y).
-  void fold(const double* block, int camera, Columns columns, double* reduced) const;
+  template <class Number>
+  void fold(const double* block, int camera, Columns columns, Number* reduced) const {
+    for_each_column(camera, columns, [&](int k, int column) { reduced[column] += block[k]; });
+  }
   // Σ Pᵀ y over the chunks, with y of each, a camera block, in `blocks`, added.
   void fold_chunks(const double* blocks, long stride, double* reduced) const;
+  // The same of compensated sums, with what is rounded off of a block so far behind it.
+  void fold_chunks(const double* blocks, long stride, long rests, CompensatedSum* reduced) const;
   bool is_shared(int column) const { return shared_[column] != 0; }
 
  private:

@@ -29,8 +29,14 @@ struct ParameterMap {
 
   // Copies reduced values to the columns of a camera; zero where there is no column (P x).
   void expand(const double* reduced, int camera, double* block) const;
-  // Adds the columns of a camera to reduced values (Pᵀ y).
-  void fold(const double* block, int camera, double* reduced) const;
+  // Adds the columns of a camera to reduced values (Pᵀ y): numbers, or compensated sums.
+  template <class Number>
+  void fold(const double* block, int camera, Number* reduced) const {
+    const int* columns = columns_of(camera);
+    for (int k = 0; k < camera_size; ++k) {
+      if (columns[k] != kNoColumn) reduced[columns[k]] += block[k];
+    }
+  }
 };
 
 // Reduced columns by the number of their cameras: sums over cameras are made in parallel where each

@@ -128,7 +128,8 @@ struct SchurKernels {
                      const PointFactor* factors,
                      const double* steps,
                      double* sums);
-  // out += Jᵀ (J x − A t), with t of every point in `shifts`, three numbers each.
+  // out += Jᵀ (J x − A t), with t of every point in `shifts`, three numbers each; compensated, with
+  // what is rounded off behind it.
   void (*schur_product)(const StoredJacobian& jacobian,
                         int begin,
                         int end,

@@ -62,6 +62,7 @@ struct MethodFacts {
   bool has_radius = false;            // of a trust region
   bool solves_linear_system = false;  // the normal equations as a whole
   bool shortens = true;               // rejections make its steps shorter and shorter
+  bool keeps_directions = false;      // each step goes on from the last, with all its rounding
   // Its step solves the damped system, so that a geodesic acceleration belongs to it.
   constexpr bool can_accelerate() const { return has_damping && solves_linear_system; }
   // Its next step can differ from a failed one, so that it is worth to save what can be saved of
@@ -94,7 +95,7 @@ struct EnumTraits<optim::Method> {
        .make = optim::make_gradient_descent},
       {.value = M::kConjugateGradient, .name = "conjugate-gradient",
        .description = "nonlinear conjugate gradients with a block preconditioner",
-       .make = optim::make_conjugate_gradient},
+       .make = optim::make_conjugate_gradient, .keeps_directions = true},
       {.value = M::kAlternation, .name = "alternation", .description = "resection, then intersection",
        .make = optim::make_alternation, .has_damping = true},
   });

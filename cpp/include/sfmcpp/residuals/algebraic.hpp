@@ -30,9 +30,15 @@ struct AlgebraicBatch {
   WhitenerShapes shapes{};  // beside the weights
 };
 
+// The nine sums in the order of Biquadratic, and what is rounded off of them.
+inline constexpr int kAlgebraicSums = sizeof(Biquadratic) / sizeof(double);
+struct AlgebraicSums {
+  double sums[kAlgebraicSums];
+  double rests[kAlgebraicSums];
+};
+
 struct AlgebraicKernel {
-  // The nine sums over a batch.
-  Biquadratic (*sums)(const AlgebraicBatch&);
+  AlgebraicSums (*sums)(const AlgebraicBatch&);
 };
 
 AlgebraicKernel algebraic_kernel(const CameraModel& model);
