@@ -27,10 +27,10 @@ class PointRefits {
   // The references must outlive this object. `movable`: per point, whether it is one of these.
   PointRefits(const ImageResiduals& images, const std::vector<char>& movable);
 
-  // Fits such points of the candidate of `step`, a step from `start`, where `normal` was filled:
-  // from where it has brought them or from where they were, whichever costs less; those that then
-  // fit poorly also from where their rays meet, kept where that costs less. None costs more than
-  // before. How many there are, over
+  // Fits such points of the candidate of `step`, a step from `start`, where `normal` was filled.
+  // Those that fit poorly where it has brought them are fitted from where they were if they cost
+  // less there, and those that then fit poorly from where their rays meet, too. None costs more
+  // than before. How many there are, over
   // all ranks: those for which the second order matters beside what one point has of `cost`.
   long refit(const optim::State& start,
              const linear::NormalEquations& normal,
