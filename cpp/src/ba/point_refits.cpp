@@ -201,13 +201,19 @@ class Pass {
     views_.fit(kernel_, places_, here_);
   }
 
-  // To where they were in `start`, where some cost more than `most` an observation, those that cost
-  // less there: what a step has thrown through the plane of a camera, or beyond infinity, no step
-  // of its own brings back.
+  // To where they were in `start`, those that cost more than `most` an observation, and less there:
+  // what a step has thrown through the plane of a camera, or beyond infinity, no step of its own
+  // brings back.
   void return_to(const State& start, double most) {
+    const std::vector<double> before = places_in(start);
+    std::vector<double> places = places_;
+    bool any = false;
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      if (is_poor(i, most)) return take_better(places_in(start));
+      if (!is_poor(i, most)) continue;
+      std::copy_n(before.data() + size_ * i, size_, places.data() + size_ * i);
+      any = true;
     }
+    if (any) take_better(places);
   }
 
   // To where their rays meet.
