@@ -205,15 +205,13 @@ class Pass {
   // what a step has thrown through the plane of a camera, or beyond infinity, no step of its own
   // brings back.
   void return_to(const State& start, double most) {
-    const std::vector<double> before = places_in(start);
-    std::vector<double> places = places_;
-    bool any = false;
+    std::vector<double> places;
     for (std::size_t i = 0; i < points_.size(); ++i) {
       if (!is_poor(i, most)) continue;
-      std::copy_n(before.data() + size_ * i, size_, places.data() + size_ * i);
-      any = true;
+      if (places.empty()) places = places_;
+      std::copy_n(place_in(start, i), size_, places.data() + size_ * i);
     }
-    if (any) take_better(places);
+    if (!places.empty()) take_better(places);
   }
 
   // To where their rays meet.
@@ -247,6 +245,10 @@ class Pass {
     return !(here_[i].cost <= most * views_.num_views(points_[i]));
   }
 
+  const double* place_in(const State& state, std::size_t i) const {
+    return state.points.data() + size_ * static_cast<std::size_t>(points_[i]);
+  }
+
   double* state_place(std::size_t i) {
     return state_.points.data() + size_ * static_cast<std::size_t>(points_[i]);
   }
@@ -263,10 +265,8 @@ class Pass {
   std::vector<double> places_in(const State& state) const {
     std::vector<double> places;
     places.reserve(size_ * points_.size());
-    for (int p : points_) {
-      const double* place = state.points.data() + size_ * static_cast<std::size_t>(p);
-      places.insert(places.end(), place, place + size_);
-    }
+    for (std::size_t i = 0; i < points_.size(); ++i)
+      places.insert(places.end(), place_in(state, i), place_in(state, i) + size_);
     return places;
   }
 
