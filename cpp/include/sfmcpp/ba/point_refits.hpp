@@ -30,8 +30,8 @@ class PointRefits {
   // Fits such points of the candidate of `step`, a step from `start`, where `normal` was filled.
   // Those that fit poorly where it has brought them are fitted from where they were if they cost
   // less there, and those that then fit poorly from where their rays meet, too. None costs more
-  // than before. How many there are, over
-  // all ranks: those for which the second order matters beside what one point has of `cost`.
+  // than before. How many there are, over all ranks: those for which the second order matters
+  // beside what one point has of `cost`.
   long refit(const optim::State& start,
              const linear::NormalEquations& normal,
              const linear::Step& step,
