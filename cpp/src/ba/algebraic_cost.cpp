@@ -24,7 +24,7 @@ void normalize_rows(const ImageNormalization& n, const double* m, double* out) {
 
 std::vector<double> rounded(const std::vector<CompensatedSum>& sums) {
   std::vector<double> values(sums.size());
-  std::ranges::transform(sums, values.begin(), &CompensatedSum::value);
+  round_sums(sums, values);
   return values;
 }
 
@@ -119,7 +119,7 @@ Biquadratic AlgebraicCost::along(const optim::State& state,
   }
   images_.exchange().sum(total);
   std::array<double, residuals::kAlgebraicSums> values{};
-  std::ranges::transform(total, values.begin(), &CompensatedSum::value);
+  round_sums(total, values);
   return std::bit_cast<Biquadratic>(values);
 }
 

@@ -197,13 +197,11 @@ class Pass {
         points_(points),
         state_(state),
         views_(images, state, points) {
-    places_ = places_in(state);
-    views_.fit(kernel_, places_, here_);
+    fit_here();
   }
 
-  // To where they were in `start`, those that cost more than `most` an observation, and less there:
-  // what a step has thrown through the plane of a camera, or beyond infinity, no step of its own
-  // brings back.
+  // Back to `start`, those that cost more than `most` an observation, and less there: what a step
+  // has thrown through the plane of a camera, or beyond infinity, no step of its own brings back.
   void return_to(const State& start, double most) {
     std::vector<double> places;
     for (std::size_t i = 0; i < points_.size(); ++i) {
@@ -214,16 +212,19 @@ class Pass {
     if (!places.empty()) take_better(places);
   }
 
-  // To where their rays meet.
-  void triangulate() {
-    for (std::size_t i = 0; i < points_.size(); ++i) views_.triangulate(points_[i], state_place(i));
-  }
-
-  // Back to where they were before, when they were fitted so, those that cost no less here.
-  void return_to(const Pass& before) {
+  // From where their rays meet, in a few steps; back again, those that cost no less there.
+  void triangulate(double least, char* tries) {
+    const std::vector<double> places = places_;
+    const std::vector<Fit> before = here_;
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      if (!costs_less(here_[i], before.here_[i]))
-        std::copy_n(before.places_.data() + size_ * i, size_, state_place(i));
+      views_.triangulate(points_[i], place_in(state_, i));
+      tries[points_[i]] = 1;
+    }
+    fit_here();
+    for (int pass = 0; pass < kTrialPasses; ++pass) step(least, tries);
+    for (std::size_t i = 0; i < points_.size(); ++i) {
+      if (!costs_less(here_[i], before[i]))
+        std::copy_n(places.data() + size_ * i, size_, place_in(state_, i));
     }
   }
 
@@ -248,9 +249,15 @@ class Pass {
   const double* place_in(const State& state, std::size_t i) const {
     return state.points.data() + size_ * static_cast<std::size_t>(points_[i]);
   }
+  double* place_in(State& state, std::size_t i) {
+    return state.points.data() + size_ * static_cast<std::size_t>(points_[i]);
+  }
 
-  double* state_place(std::size_t i) {
-    return state_.points.data() + size_ * static_cast<std::size_t>(points_[i]);
+  void fit_here() {
+    places_.clear();
+    for (std::size_t i = 0; i < points_.size(); ++i)
+      places_.insert(places_.end(), place_in(state_, i), place_in(state_, i) + size_);
+    views_.fit(kernel_, places_, here_);
   }
 
   void take_better(const std::vector<double>& places) {
@@ -258,22 +265,14 @@ class Pass {
     for (std::size_t i = 0; i < points_.size(); ++i) {
       if (!costs_less(there_[i], here_[i])) continue;
       here_[i] = there_[i];
-      std::copy_n(places.data() + size_ * i, size_, state_place(i));
+      std::copy_n(places.data() + size_ * i, size_, place_in(state_, i));
     }
-  }
-
-  std::vector<double> places_in(const State& state) const {
-    std::vector<double> places;
-    places.reserve(size_ * points_.size());
-    for (std::size_t i = 0; i < points_.size(); ++i)
-      places.insert(places.end(), place_in(state, i), place_in(state, i) + size_);
-    return places;
   }
 
   void propose(std::size_t i, int tries) {
     double delta[kPointTangent];
     gauss_newton(here_[i].block, kDamping * std::pow(kRaised, tries - 1), delta);
-    plus_point(model_, state_place(i), delta, places_.data() + size_ * i);
+    plus_point(model_, place_in(state_, i), delta, places_.data() + size_ * i);
   }
 
   void judge(std::size_t i, double least, char& tries) {
@@ -282,7 +281,7 @@ class Pass {
       return;
     }
     double delta[kPointTangent];
-    std::copy_n(places_.data() + size_ * i, size_, state_place(i));
+    std::copy_n(places_.data() + size_ * i, size_, place_in(state_, i));
     here_[i] = there_[i];
     tries = gauss_newton(here_[i].block, kDamping, delta) > least;
   }
@@ -330,22 +329,9 @@ long PointRefits::refit(const State& start,
     });
   }
   for_parts_of(marked(poor), [&](std::span<const int> mine) {
-    triangulate(mine, least, tries.data(), candidate);
+    Pass(kernel_, images_, mine, candidate).triangulate(least, tries.data());
   });
   return std::lround(refitted);
-}
-
-// From where the rays of such points meet; kept where that costs less. `tries`: as in a pass.
-void PointRefits::triangulate(std::span<const int> points,
-                              double least,
-                              char* tries,
-                              State& candidate) const {
-  Pass before(kernel_, images_, points, candidate);
-  before.triangulate();
-  for (int p : points) tries[p] = 1;
-  for (int pass = 0; pass < kTrialPasses; ++pass)
-    Pass(kernel_, images_, points, candidate).step(least, tries);
-  Pass(kernel_, images_, points, candidate).return_to(before);
 }
 
 // f(part), in parallel.

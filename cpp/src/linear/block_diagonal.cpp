@@ -53,8 +53,8 @@ void CameraBlockDiagonal::gather(std::vector<double>& rhs, Exchange& ranks) {
     ranks.sum(sums);
     ranks.sum(entries);
     rhs.resize(sums.size());
-    std::ranges::transform(sums, rhs.begin(), &CompensatedSum::value);
-    std::ranges::transform(entries, blocks_.begin(), &CompensatedSum::value);
+    round_sums(sums, rhs);
+    round_sums(entries, blocks_);
   }
   normal_.camera_terms().add_rhs(map_, rhs);
 }

@@ -245,7 +245,7 @@ void CoarseSpace::add_correction(const std::vector<double>& r, std::vector<doubl
   normal_.pool().parallel_for(aggregates_.count(), [&](int k) { restrict(k, r); });
   normal_.exchange().sum(sums_);
   coarse_.resize(sums_.size());
-  std::ranges::transform(sums_, coarse_.begin(), &CompensatedSum::value);
+  round_sums(sums_, coarse_);
   cholesky_->solve(coarse_);
   normal_.pool().parallel_for(aggregates_.count(), [&](int k) { prolong(k, z); });
 }

@@ -201,7 +201,7 @@ void NormalEquations::sum_chunks(long first, std::vector<double>& values) const 
   std::vector<CompensatedSum> sums(map_.num_columns);
   fold_chunks(chunk_sums_.data() + first, chunk_size(), 2L * map_.camera_size, sums.data());
   exchange_.sum(sums);
-  std::ranges::transform(sums, values.begin(), &CompensatedSum::value);
+  round_sums(sums, values);
 }
 
 void NormalEquations::sum_gradients() {

@@ -146,7 +146,7 @@ void ColumnPartition::sum_ghosts(Vector& whole, Vector& own) {
 void ColumnPartition::sum_ghosts(std::vector<CompensatedSum>& whole, Vector& own) {
   if (!is_only_rank()) add_ghosts(whole);
   Vector rounded(whole.size());
-  std::ranges::transform(whole, rounded.begin(), &CompensatedSum::value);
+  round_sums(whole, rounded);
   take(rounded, own);
 }
 

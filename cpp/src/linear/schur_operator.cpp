@@ -31,7 +31,7 @@ class ImplicitSchur final : public SchurOperator {
   void add_product(const std::vector<double>& x, std::vector<double>& out) override {
     std::vector<CompensatedSum> sums(out.begin(), out.end());
     add_product(x, sums);
-    std::ranges::transform(sums, out.begin(), &CompensatedSum::value);
+    round_sums(sums, out);
   }
 
   void add_product(const std::vector<double>& x, std::vector<CompensatedSum>& out) override {

@@ -44,10 +44,6 @@ class PointRefits {
                          double least,
                          double focal2,
                          char* beyond) const;
-  void triangulate(std::span<const int> points,
-                   double least,
-                   char* tries,
-                   optim::State& candidate) const;
   template <class F>
   void for_parts_of(const std::vector<int>& points, const F& f) const;
   double mean_squared_focal(const optim::State& state) const;

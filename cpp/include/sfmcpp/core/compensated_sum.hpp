@@ -6,7 +6,9 @@
 // terms of a number halfway between two doubles.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <span>
 
 #include "sfmcpp/core/simd.hpp"
 
@@ -43,5 +45,10 @@ struct CompensatedSum {
   // Of an overflow nothing is rounded off.
   double value() const { return std::isfinite(sum) ? sum + rest : sum; }
 };
+
+// Each rounded once, into as many numbers.
+inline void round_sums(std::span<const CompensatedSum> sums, std::span<double> values) {
+  std::ranges::transform(sums, values.begin(), &CompensatedSum::value);
+}
 
 }  // namespace sfmcpp
