@@ -14,8 +14,8 @@ last columns the ranges of `over none`. A lie, degrees per second added to the y
 speed (`smooth=true`: little by little), lasts a fifth of the run, from its second fifth on, or with
 `throughout=true` all of it; stamps late by `clock` seconds and a camera turned by `mounting` degrees are
 wrong all the time; a blackout is in the middle. `--sensors none stereo` takes the right images, too; the clip
-has none. `distances` takes no directions from the odometer. A part of a drive is `0036:1/2`. All lies in one
-table: bench/liars.py.
+has none. `distances` takes no directions from the odometer. A part of a drive is `0036:1/2`, and `0036@stops`
+a drive as it might have been: see `experiments/altered_drives.py`. All lies in one table: bench/liars.py.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from experiments.altered_drives import ALTERED
 from experiments.drives import median, run_setting
 from experiments.inputs import TUNING, Lie, dead_reckoning, moved
 from experiments.real_problems import data_folder
@@ -146,7 +147,10 @@ def run(asked: tuple[str, str, int], options: Row) -> Row:
 
 @cache
 def read(name: str) -> KittiDrive:
-    """Read a drive by the number in its name, or the clip."""
+    """Read a drive by the number in its name, or the clip; or make another of it."""
+    name, _, change = name.partition("@")
+    if change:
+        return ALTERED[change](read(name))
     name, _, part = name.partition(":")
     if part:
         return _part(read(name), *map(int, part.split("/")))
