@@ -19,7 +19,7 @@ from sfmcpp.sensors.odometer import speeds_of
 from sfmcpp.sensors.stream import require_kind
 
 # How much more likely a slip must be than none, as a logarithm. Where the covariance is exact, a drift of
-# forty steps comes to more in 3 of 1,000 cases; beside honest odometers it came to 5.4 on parts of 0001,
+# forty steps comes to more in 3 to 6 of 1,000 cases; beside honest odometers it came to 5.4 on parts of 0001,
 # 0027, 0036 and 0039.
 _MARGIN = 8.0
 # Slips that are told, as logarithms of the factor: smaller ones are not worth it, and a larger one is rather
