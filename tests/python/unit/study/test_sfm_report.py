@@ -191,8 +191,9 @@ def test_all_files_are_written_and_read_back(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "new/out/model").iterdir()) == MODEL
     model = sfmcpp.read(tmp_path / "new/out/model")
     assert model.metadata.image_names == [n for i, n in enumerate(run.models[0].image_names) if i != 2]
-    frames = json.loads((tmp_path / "new/out/transforms.json").read_text())["frames"]
-    assert [frame["file_path"] for frame in frames] == model.metadata.image_names
+    transforms = json.loads((tmp_path / "new/out/transforms.json").read_text())
+    assert [frame["file_path"] for frame in transforms["frames"]] == model.metadata.image_names
+    assert transforms["ply_file_path"] == "points.ply"
 
 
 def test_pycolmap_opens_the_model_and_finds_what_is_in_it(tmp_path: Path) -> None:
