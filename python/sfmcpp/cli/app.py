@@ -156,7 +156,7 @@ def convert(
     ] = None,
     images: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Image folder that transforms.json refers to."),
+        typer.Option(metavar="DIR", help="Folder of the images, for transforms, openmvg and alicevision."),
     ] = None,
     times: Annotated[
         Path | None,

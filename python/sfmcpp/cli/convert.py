@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from sfmcpp.ba.parts import ProblemSize
@@ -20,13 +21,25 @@ from sfmcpp.cli.targets import (
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.sources.frame_times import read_times
-from sfmcpp.sources.io import transforms
+from sfmcpp.sources.io.alicevision import write_alicevision
 from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
 from sfmcpp.sources.io.conversion_notes import left_out_on_writing
 from sfmcpp.sources.io.format import Format
+from sfmcpp.sources.io.openmvg import write_openmvg
 from sfmcpp.sources.io.parts import write_parts
 from sfmcpp.sources.io.position_files import POSITION_SUFFIXES
 from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS, read_trajectory, write_trajectory
+from sfmcpp.sources.io.transforms import folder_from, write_transforms
+
+# OpenMVG and Meshroom look for relative paths where they run, and not where the file is.
+_WRITERS_WITH_IMAGES: dict[str, Callable[[Problem, Path, Path], None]] = {
+    "transforms": lambda problem, path, images: write_transforms(problem, path, folder_from(path, images)),
+    "openmvg": lambda problem, path, images: write_openmvg(problem, path, images.absolute().as_posix()),
+    "alicevision": lambda problem, path, images: write_alicevision(
+        problem, path, images.absolute().as_posix()
+    ),
+}
+_OPEN_IMAGES = "transforms, openmvg and alicevision"
 
 
 def convert_file(
@@ -40,7 +53,7 @@ def convert_file(
     """Write the problem of a file to another, or to a folder of so many parts.
 
     The name of the target tells its format, unless that is given: to a file of positions go those of the
-    cameras, as they are, to ``.html`` a page of all. Of a transforms.json, the names of images lead to the
+    cameras, as they are, to ``.html`` a page of all. In formats that open images, their names lead to the
     folder `images`. Formats of trajectories are for trajectories, which `times` stamps if they have no times.
 
     Raises
@@ -77,19 +90,19 @@ def _require_nothing_for_one_file(format: str | None, images: Path | None) -> No
     if format is not None:
         raise InvalidArgument(f"--format {format}: parts have a format of their own")
     if images is not None:
-        raise InvalidArgument("--images: parts do not point to images, transforms.json does")
+        raise InvalidArgument(f"--images: parts do not point to images, {_OPEN_IMAGES} do")
 
 
 def _convert_one(source: Path, target: Path, format: str | None, images: Path | None) -> ExitCode:
     chosen = format_of(target) if format is None else named_format(format)
-    if images is not None and chosen is not transforms.FORMAT:
-        raise InvalidArgument(f"--images: {chosen.name} does not point to images, transforms.json does")
+    if images is not None and chosen.name not in _WRITERS_WITH_IMAGES:
+        raise InvalidArgument(f"--images: {chosen.name} does not point to images, {_OPEN_IMAGES} do")
     require_writable_problem(target, chosen)
     problem = _read(source)
     if images is None:
         write(problem, target, format=chosen.name)
     else:
-        transforms.write_transforms(problem, target, transforms.folder_from(target, images))
+        _WRITERS_WITH_IMAGES[chosen.name](problem, target, images)
     _print_written(problem, target, chosen)
     return ExitCode.DONE
 

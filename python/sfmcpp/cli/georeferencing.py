@@ -79,8 +79,7 @@ class Gps:
         numbers = [str(camera) for camera in range(problem.num_cameras)]
         names = numbers if given.by_number else image_names(problem)
         try:
-            known = positions_of(names, given.positions, geodetic=given.geodetic, sigmas=given.sigmas)
-            return georeference_to(problem, known, **options)
+            return georeference_to(problem, positions_of(names, given), **options)
         except InvalidArgument as error:
             raise DatasetError(self.source, str(error).removeprefix("gps: ")) from error
 

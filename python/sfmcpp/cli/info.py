@@ -266,6 +266,8 @@ def _positions(source: Path) -> Iterator[Fact]:
     axes = "latitude, longitude, height" if found.geodetic else "x, y, z [m]"
     sigmas = "without" if found.sigmas is None else "with"
     yield "positions", f"{len(found.positions):,}: {axes}, {sigmas} standard deviations"
+    if found.unread:
+        yield "not read", f"columns that seem to be standard deviations: {', '.join(found.unread)}"
 
 
 def _trajectory(source: Path) -> Iterator[Fact]:

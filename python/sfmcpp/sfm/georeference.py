@@ -261,6 +261,7 @@ def _georeferenced(
         sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
         warnings=warnings,
         intrinsics_sigmas=intrinsics_sigmas,
+        without_position=[names[image] for image in np.flatnonzero(~positions.known)],
     )
     outcome.world_origin.put_into(problem.metadata)
     return Georeferenced(outcome, group)

@@ -59,8 +59,13 @@ _DEVIATES = (
     "kept, but probably wrong, and the model follows it"
 )
 NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
+_UNREAD = (
+    "the columns {} of the positions are not read: standard deviations are in sigma_x, sigma_y, sigma_z, in "
+    "sigma_horizontal, sigma_vertical, or in one sigma"
+)
 _SWAPPED = {
-    True: "latitude and longitude of the positions may be swapped",
+    True: "latitude and longitude of the positions may be swapped, or the sign of one be wrong (south and "
+    "west are negative)",
     False: "x and y of the positions may be swapped (x is east, y north), or z is not up",
 }
 
@@ -257,7 +262,7 @@ def warnings_of_all(
         Of the search for those that agree.
     """
     metres = positions.metres
-    warnings = []
+    warnings = [_UNREAD.format(", ".join(positions.unread))] if positions.unread else []
     if swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed):
         warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
     if shifted := evidence_of_shifted_rows(centres, metres, seed=seed):

@@ -42,6 +42,8 @@ class Positions:
         Standard deviations along the axes, as stated [m].
     no_fix : (I,) bool or None
         Which of the unknown ones a receiver without a fix has put at zero.
+    unread : tuple of str
+        Columns of their table that seem to be standard deviations, where none were read.
     """
 
     metres: FloatArray
@@ -49,6 +51,7 @@ class Positions:
     geodetic: bool = False
     sigmas_m: FloatArray | None = None
     no_fix: BoolArray | None = None
+    unread: tuple[str, ...] = ()
 
     @property
     def known(self) -> BoolArray:
@@ -118,25 +121,15 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
     return Positions(metres, origin, geodetic, sigmas_m, lost)
 
 
-def positions_of(
-    names: list[str],
-    known: Mapping[str, tuple[float, float, float]],
-    *,
-    geodetic: bool,
-    sigmas: Mapping[str, tuple[float, float, float]] | None = None,
-) -> Positions:
+def positions_of(names: list[str], known: NamedPositions) -> Positions:
     """Put positions of images in the order of the images.
 
     Parameters
     ----------
     names : list of I str
         Names of images.
-    known : mapping
+    known : NamedPositions
         Positions by name, see :func:`match_names`; names that are no image's are left alone.
-    geodetic : bool
-        Whether they are latitude, longitude [deg, WGS84] and height [m]; else x, y, z [m].
-    sigmas : mapping, optional
-        Stated standard deviations along the axes by name [m].
 
     Returns
     -------
@@ -148,13 +141,14 @@ def positions_of(
     InvalidArgument
         If no name is an image's, one may be that of several, or a latitude is out of range.
     """
-    alike = match_names(names, known)
+    alike = match_names(names, known.positions)
     if not alike:
-        listed, wanted = (", ".join(list(some)[:3]) for some in (known, names))
+        listed, wanted = (", ".join(list(some)[:3]) for some in (known.positions, names))
         raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image ({wanted})")
     table_names = [alike.get(name) for name in names]
-    stated = None if sigmas is None else _rows_by_image(table_names, sigmas)
-    return local_positions(_rows_by_image(table_names, known), geodetic, stated)
+    stated = None if known.sigmas is None else _rows_by_image(table_names, known.sigmas)
+    found = local_positions(_rows_by_image(table_names, known.positions), known.geodetic, stated)
+    return replace(found, unread=known.unread)
 
 
 def _rows_by_image(
@@ -291,17 +285,27 @@ def choose_positions(
     Raises
     ------
     InvalidArgument
-        If positions are asked for and there are none.
+        If positions are asked for and there are too few.
     """
     names = [photo.name for photo in photos]
     if known is not None:
-        return positions_of(names, known.positions, geodetic=known.geodetic, sigmas=known.sigmas)
+        return _enough_positions(positions_of(names, known))
     from_exif = _exif_positions(photos)
     if gps == "none" or (gps == "auto" and len(from_exif) < LEAST_POSITIONS):
         return None
     if not from_exif:
         raise InvalidArgument("gps = 'exif': no image tells its position with its height")
-    return positions_of(names, from_exif, geodetic=True, sigmas=_sigmas_of(photos, from_exif))
+    stated = NamedPositions(from_exif, geodetic=True, sigmas=_sigmas_of(photos, from_exif))
+    found = positions_of(names, stated)
+    return found if gps == "auto" else _enough_positions(found)
+
+
+def _enough_positions(positions: Positions) -> Positions:
+    """The same, refused before hours of work where no model could be brought to them."""
+    count = np.count_nonzero(positions.known)
+    if count < LEAST_POSITIONS:
+        raise InvalidArgument(f"gps: {count} images have a position, {LEAST_POSITIONS} are needed")
+    return positions
 
 
 def unused_positions(gps: str | PathLike[str], photos: Sequence[Photo]) -> list[str]:

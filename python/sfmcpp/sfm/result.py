@@ -68,6 +68,8 @@ class GpsOutcome:
     intrinsics_sigmas : (G, n) float64 or None
         Standard deviations of the intrinsics in the adjustment with the positions, in their units; 0 for
         those that are held.
+    without_position : list of str
+        Images of the model that have none.
     """
 
     sigma_m: float
@@ -81,6 +83,7 @@ class GpsOutcome:
     warnings: list[str] = field(default_factory=list)
     intrinsics_sigmas: FloatArray | None = None
     offsets_m: dict[str, FloatArray] = field(default_factory=dict)
+    without_position: list[str] = field(default_factory=list)
 
     def __repr__(self) -> str:
         accuracy = f"σ {self.sigma_m:.3g} m, the model within {self.accuracy_m:.3g} m"
@@ -96,10 +99,10 @@ class GpsOutcome:
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""
         known = {name: value for name, value in vars(self).items() if name != "intrinsics_sigmas"}
-        return known | {"origin": self.world_origin.to_dict(), "rms_m": self._rms_m}
+        return known | {"origin": self.world_origin.to_dict(), "rms_m": self.rms_m}
 
     @property
-    def _rms_m(self) -> list[float] | None:
+    def rms_m(self) -> list[float] | None:
         """Root mean squares of the offsets along the axes, of positions that were not left out [m]."""
         used = [offset for name, offset in self.offsets_m.items() if name not in self.outliers]
         return np.sqrt(np.mean(np.square(used), axis=0)).tolist() if used else None

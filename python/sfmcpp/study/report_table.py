@@ -57,16 +57,26 @@ def listed_names(names: Sequence[str]) -> str:
 
 
 def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
-    """σ of the positions, accuracy of the camera centres, positions that were left out, origin."""
+    """σ of the positions, accuracy of the camera centres, what is left, what is left out, origin."""
     yield (
         "GPS",
         f"σ {gps.sigma_m:.3g} m{_stated_accuracy(gps)}; accuracy of the camera centres {gps.accuracy_m:.3g} "
         "m (1 σ)",
     )
+    if gps.rms_m is not None:
+        yield "GPS residuals", residuals_text(gps)
+    if gps.without_position:
+        yield "without GPS", listed_names(gps.without_position)
     if gps.outliers:
         yield "GPS left out", listed_names(gps.outliers)
     if np.any(gps.origin):
         yield "origin", origin_text(gps.world_origin)
+
+
+def residuals_text(gps: GpsOutcome) -> str:
+    """How far the images lie from their positions along the axes, but for those that were left out."""
+    axes = "east, north, up" if gps.geodetic else "x, y, z"
+    return f"RMS {', '.join(f'{value:.3g}' for value in gps.rms_m or ())} m ({axes})"
 
 
 def origin_text(origin: WorldOrigin) -> str:

@@ -88,9 +88,9 @@ def _write_model(problem: Problem, folder: Path) -> None:
 
 
 def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:
-    """Write the cameras, with the places of the photos as seen from the folder."""
+    """Write the cameras, with the places of the photos and of the points as seen from the folder."""
     source = Path(report.run.source)
-    write_transforms(problem, path, folder_from(path, source) if source.is_dir() else "")
+    write_transforms(problem, path, folder_from(path, source) if source.is_dir() else "", points=POINTS)
 
 
 def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:

@@ -147,6 +147,11 @@ def test_convert_points_to_the_images(tmp_path: Path) -> None:
     )
     frames = strict_json(tmp_path / "out/transforms.json")["frames"]
     assert frames[2]["file_path"] == "../photos/2.jpg"
+    for name in ("sfm_data.json", "scene.sfm"):
+        assert run_here("convert", tmp_path / "start.npz", tmp_path / "out" / name, *words).returncode == 0
+    assert strict_json(tmp_path / "out/sfm_data.json")["root_path"] == str(tmp_path / "photos")
+    assert strict_json(tmp_path / "out/scene.sfm")["views"][2]["path"] == str(tmp_path / "photos/2.jpg")
+    assert sfmcpp.read(tmp_path / "out/sfm_data.json").metadata.image_names == scene.metadata.image_names
     refused = run_here("convert", tmp_path / "start.npz", tmp_path / "copy.ply", *words)
     assert (refused.returncode, "ply does not point to images" in refused.stderr) == (2, True)
 

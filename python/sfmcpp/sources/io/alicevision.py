@@ -181,11 +181,20 @@ def _color(part: Part) -> list[int]:
     return [number.integer(0, 255) for number in part.items()]
 
 
-def write_alicevision(problem: Problem, path: Path) -> None:
+def write_alicevision(problem: Problem, path: Path, image_folder: str = "") -> None:
     """Write version 1.2.6, with views, intrinsics, poses and structure, pixels among the observations.
 
     Identifiers are rows of the problem. Focal lengths are told for a sensor of 36 mm; cameras without free
     intrinsics are locked. Without known image sizes they are what just covers the observations.
+
+    Parameters
+    ----------
+    problem : Problem
+        Metric; it is not changed.
+    path : Path
+        Where to.
+    image_folder : str
+        Where the images are, put in front of their names.
 
     Raises
     ------
@@ -199,7 +208,7 @@ def write_alicevision(problem: Problem, path: Path) -> None:
         "version": _texts(_VERSION),
         "featuresFolders": [],
         "matchesFolders": [],
-        "views": _view_entries(views),
+        "views": _view_entries(views, image_folder),
         "intrinsics": (_lens_entry(row, lens, path) for row, lens in enumerate(views.lenses)),
         "poses": _pose_entries(problem),
         "structure": (_landmark(row, point) for row, point in enumerate(views.points())),
@@ -213,10 +222,11 @@ def _texts(numbers: Iterable[float]) -> list[str]:
     return [str(number) for number in numbers]
 
 
-def _view_entries(views: WrittenViews) -> Iterator[dict[str, Any]]:
+def _view_entries(views: WrittenViews, image_folder: str) -> Iterator[dict[str, Any]]:
+    prefix = image_folder.rstrip("/") + "/" if image_folder else ""
     for row, (name, lens) in enumerate(zip(views.names, views.lens_rows, strict=True)):
         numbers = {"viewId": row, "poseId": row, "frameId": row, "intrinsicId": lens}
-        yield {**_quoted(numbers), "path": name, **_quoted(_size(views.lenses[lens]))}
+        yield {**_quoted(numbers), "path": prefix + name, **_quoted(_size(views.lenses[lens]))}
 
 
 def _quoted(numbers: Mapping[str, float]) -> dict[str, str]:

@@ -141,10 +141,19 @@ def _fields_behind_pointer(item: Part) -> Part:
     return data if base is None else data.with_fields_of(base)
 
 
-def write_openmvg(problem: Problem, path: Path) -> None:
+def write_openmvg(problem: Problem, path: Path, image_folder: str = "") -> None:
     """Write version 0.3, with views, intrinsics, poses and structure.
 
     Identifiers are rows of the problem; without known image sizes they are what just covers the observations.
+
+    Parameters
+    ----------
+    problem : Problem
+        Metric; it is not changed.
+    path : Path
+        Where to.
+    image_folder : str
+        Where the images are: ``root_path``, before their names.
 
     Raises
     ------
@@ -156,7 +165,7 @@ def write_openmvg(problem: Problem, path: Path) -> None:
     views = WrittenViews(problem, _HELD, path)
     content = {
         VERSION: "0.3",
-        "root_path": "",
+        "root_path": image_folder,
         "views": _view_entries(views),
         "intrinsics": _lens_entries(views.lenses, len(views.names)),
         "extrinsics": _pose_entries(problem),

@@ -44,14 +44,21 @@ _HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude
 _GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
 _METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
 _ALL_AXES = "x y z"
+_LEVEL = ("horizontal", "horz", "h", "lateral", "x y")
 _SIGMAS = (
-    ("x", "e", "east", "easting", "lon", "longitude", "horizontal", "h", "x y", _ALL_AXES),
-    ("y", "n", "north", "northing", "lat", "latitude", "horizontal", "h", "x y", _ALL_AXES),
-    ("z", "u", "up", "height", "alt", "altitude", "vertical", "v", _ALL_AXES),
+    ("x", "e", "east", "easting", "lon", "longitude", *_LEVEL, _ALL_AXES),
+    ("y", "n", "north", "northing", "lat", "latitude", *_LEVEL, _ALL_AXES),
+    ("z", "u", "up", "height", "alt", "altitude", "elevation", "vertical", "vert", "v", _ALL_AXES),
 )
 _SPREAD = {"sigma", "std", "stddev", "stdev", "standard", "dev", "deviation", "sd", "accuracy"}
-# Those of RTKLIB, in one word.
+# Those of RTKLIB, of u-blox and of DJI's photos, in one word.
 _SPREAD_OF_AXIS = {f"{word}{axis}": axis for word in ("sd", "std") for axis in "neuxyz"}
+_SPREAD_OF_AXIS |= {"hacc": "h", "vacc": "v", "rtkstdlon": "lon", "rtkstdlat": "lat", "rtkstdhgt": "height"}
+# That of an axis is of its positions, that of nothing may be of anything.
+_RMS = "rms"
+# What else seems to be a standard deviation, but of an angle.
+_LIKE_SPREAD = re.compile(r"acc|.*(?:sigma|std|accuracy|rms|positioningerror)|(?:sigma|std).+")
+_ANGLES = {"yaw", "pitch", "roll", "heading", "omega", "phi", "kappa"}
 # Metashape names an axis in two ways at once: X/Longitude, Y/North.
 _AXIS_TWICE = re.compile(r"[xyz]/(?=\w{3})")
 # So many numbers are a line of a table, no header.
@@ -73,12 +80,15 @@ class NamedPositions:
         Standard deviations by name, east, north, up or along x, y, z [m].
     by_number : bool
         Whether names are numbers of images from 0, as the file has no names.
+    unread : tuple of str
+        Columns that seem to be standard deviations, where none were read.
     """
 
     positions: dict[str, Triple]
     geodetic: bool
     sigmas: dict[str, Triple] | None = None
     by_number: bool = False
+    unread: tuple[str, ...] = ()
 
 
 def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> NamedPositions:
@@ -100,9 +110,9 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     Raises
     ------
     DatasetError
-        If it cannot be read, the header or a column is missing, a unit is unknown, a cell is no number, a
-        comma may be one of decimals or of thousands, a latitude or longitude is out of its range, a standard
-        deviation is not positive, or a name stands there twice.
+        If it cannot be read, the header or a column is missing, it holds no position, a unit is unknown, a
+        cell is no number, a comma may be one of decimals or of thousands, a latitude or longitude is out of
+        its range, a standard deviation is not positive, or a name stands there twice.
     """
     source = Path(path)
     headers, rows = _table(source)
@@ -122,8 +132,10 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
         found[name] = _position(source, number, cells, columns)
         if columns.sigmas:
             sigmas[name] = _sigmas(source, number, cells, columns.sigmas)
-    by_number = columns.name is None
-    return NamedPositions(found, columns.geodetic, sigmas if columns.sigmas else None, by_number)
+    if not found:
+        raise DatasetError(source, "holds no position below its header")
+    by_number, unread = columns.name is None, () if columns.sigmas else _spreads_by_look(headers[1])
+    return NamedPositions(found, columns.geodetic, sigmas if columns.sigmas else None, by_number, unread)
 
 
 def _table(source: Path) -> tuple[Row, list[Row]]:
@@ -262,6 +274,13 @@ def _sigma_columns(headers: Sequence[str]) -> list[Column]:
     return [_column(headers, place, LENGTH) for place in places or ()]
 
 
+def _spreads_by_look(headers: Sequence[str]) -> tuple[str, ...]:
+    """Columns that seem to be standard deviations of positions, by any name."""
+    words = [_words(header) for header in headers]
+    alike = [any(map(_LIKE_SPREAD.fullmatch, of_one)) and not _ANGLES & set(of_one) for of_one in words]
+    return tuple(header for header, seems in zip(headers, alike, strict=True) if seems)
+
+
 def _column(headers: Sequence[str], place: int, units: dict[str, float]) -> Column:
     """Make a column of numbers, in our unit where it names none."""
     header = headers[place]
@@ -296,9 +315,10 @@ def _spread_axis(header: str) -> str:
     words = [word for word in _words(header) if word != "position"]
     if len(words) == 1 and words[0] in _SPREAD_OF_AXIS:
         return _SPREAD_OF_AXIS[words[0]]
-    if not _SPREAD & set(words):
-        return ""
-    return " ".join(word for word in words if word not in _SPREAD) or _ALL_AXES
+    axis = " ".join(word for word in words if word not in _SPREAD and word != _RMS)
+    if _SPREAD & set(words):
+        return axis or _ALL_AXES
+    return axis if _RMS in words else ""
 
 
 def _index_of_first(titles: Sequence[str], names: Sequence[str]) -> int | None:

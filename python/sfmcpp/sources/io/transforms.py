@@ -97,7 +97,7 @@ def folder_from(path: Path, images: Path) -> str:
     return Path(os.path.relpath(images, path.parent)).as_posix()
 
 
-def write_transforms(problem: Problem, path: Path, image_folder: str = "") -> None:
+def write_transforms(problem: Problem, path: Path, image_folder: str = "", points: str = "") -> None:
     """Write the cameras of a problem; its points and observations have no place in the file.
 
     Intrinsics stand once where all cameras have the same, else with every frame. Without known image sizes
@@ -111,6 +111,8 @@ def write_transforms(problem: Problem, path: Path, image_folder: str = "") -> No
         Where to.
     image_folder : str
         Where the images are, as seen from the folder of `path`, put in front of their names.
+    points : str
+        The PLY file of the points, as seen from there: ``ply_file_path``, where Gaussian splatting starts.
 
     Raises
     ------
@@ -126,7 +128,8 @@ def write_transforms(problem: Problem, path: Path, image_folder: str = "") -> No
     shared = used[0] if used and all(camera == used[0] for camera in used) else {}
     if not shared:
         frames = [{**frame, **camera} for frame, camera in zip(frames, used, strict=True)]
-    content = {"camera_model": "OPENCV", **shared, "frames": frames}
+    cloud = {"ply_file_path": points} if points else {}
+    content = {"camera_model": "OPENCV", **shared, **cloud, "frames": frames}
     with atomic_files(path) as (stream,):
         stream.write((json.dumps(content, indent=1, allow_nan=False) + "\n").encode("utf-8"))
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from sfmcpp.study.pages.charts import arrows, bars, histogram, match_matrix, match_squares, nice_ticks
 from sfmcpp.study.pages.parts import data_uri, png_bytes
-from sfmcpp.study.report_table import grouped_by_reason, origin_text
+from sfmcpp.study.report_table import grouped_by_reason, origin_text, residuals_text
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_measures import ModelMeasures
@@ -161,6 +161,8 @@ def gps(report: SfmReport) -> str:
         f"the model: {found.accuracy_m:.3g} m (1 σ).",
         f"Axes: {frame}.",
     ]
+    if found.rms_m is not None:
+        facts.insert(1, f"Residuals: {residuals_text(found)}.")
     paragraphs = "".join(f"<p>{fact}</p>" for fact in facts)
     liars = [
         [html.escape(name), f"{found.residuals_m[name]:.2f}" if name in found.residuals_m else "–"]

@@ -25,6 +25,7 @@ from sfmcpp.sfm.incremental import grow_models
 from sfmcpp.sfm.positions import Positions, local_positions, match_names, positions_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sources.io.position_csv import NamedPositions
 
 SETTINGS = IncrementalSettings()
 
@@ -85,7 +86,7 @@ def test_the_stated_accuracy_is_that_of_the_model_in_the_world() -> None:
 
 def test_geodetic_positions_are_metres_east_north_up_of_their_median() -> None:
     known = {"a": (46.0, 9.0, 100.0), "b": (46.001, 9.0, 100.0), "unknown": (0.0, 0.0, 0.0)}
-    found = positions_of(["a", "b", "c"], known, geodetic=True)
+    found = positions_of(["a", "b", "c"], NamedPositions(known, geodetic=True))
     assert np.isnan(found.metres[2]).all()
     # A thousandth of a degree of latitude is 111.15 m there.
     assert found.metres[1] - found.metres[0] == pytest.approx([0.0, 111.15, 0.0], abs=0.05)
@@ -104,7 +105,7 @@ def test_too_few_positions_and_those_on_a_line_are_refused() -> None:
     with pytest.raises(InvalidArgument, match=r"lie on a line"):
         georeference_map(world, Positions(line), SETTINGS)
     with pytest.raises(InvalidArgument, match=r"none of its names \(x\) is the name of an image \("):
-        positions_of(["a"], {"x": (0.0, 0.0, 0.0)}, geodetic=False)
+        positions_of(["a"], NamedPositions({"x": (0.0, 0.0, 0.0)}, geodetic=False))
 
 
 def camera_errors_m(problem: Problem, truth: FloatArray) -> FloatArray:
@@ -243,6 +244,23 @@ def test_latitudes_and_longitudes_that_are_swapped_are_named() -> None:
     gps = geodetic_of(truth.centres, [46.5, 9.25, 300.0])
     found = georeference(in_a_frame_of_its_own(truth, 1), gps[:, [1, 0, 2]], geodetic=True).outcome
     assert "latitude and longitude of the positions may be swapped" in found.warnings[0]
+
+
+def test_a_longitude_of_the_wrong_sign_is_named() -> None:
+    truth = flight(GRID, 1)
+    gps = geodetic_of(truth.centres, [46.5, -91.99, 300.0]) * [1.0, -1.0, 1.0]
+    found = georeference(in_a_frame_of_its_own(truth, 1), gps, geodetic=True).outcome
+    assert "or the sign of one be wrong (south and west are negative)" in found.warnings[0]
+
+
+def test_images_without_a_position_are_named_and_residuals_told_by_axis() -> None:
+    truth = flight(GRID, 1)
+    gps = truth.centres + np.random.default_rng(1).normal(0, 0.1, truth.centres.shape)
+    gps[[2, 7]] = np.nan
+    found = georeference(in_a_frame_of_its_own(truth, 1), gps).outcome
+    assert found.without_position == ["2", "7"]
+    offsets = np.array(list(found.offsets_m.values()))
+    assert found.rms_m == pytest.approx(np.sqrt(np.mean(offsets**2, axis=0)))
 
 
 def test_cameras_on_their_heads_are_named() -> None:

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from flights import flight, in_a_frame_of_its_own
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.photos import Photo
 from sfmcpp.sfm import georeference
-from sfmcpp.sfm.positions import local_positions, unused_positions
+from sfmcpp.sfm.georeference import georeference_to
+from sfmcpp.sfm.positions import Positions, choose_positions, local_positions, unused_positions
+from sfmcpp.sources.io.position_csv import NamedPositions
 
 SIGMA_M = 0.3
 
@@ -73,6 +76,28 @@ def test_one_wrong_position_is_named_by_its_own_standard_deviation() -> None:
 @pytest.mark.parametrize(("heights", "stated"), [(2.0, True), (3.0, False)])
 def test_no_honest_position_is_named(seed: int, heights: float, stated: bool) -> None:
     assert not warnings_of_block(seed, heights=heights, stated=stated)
+
+
+def test_columns_that_seem_to_be_standard_deviations_are_named_where_none_are_read() -> None:
+    truth = strips()
+    known = Positions(truth.centres, unread=("X_acc", "Y_acc"))
+    (warning,) = georeference_to(in_a_frame_of_its_own(truth, 2), known).outcome.warnings
+    assert "the columns X_acc, Y_acc of the positions are not read: standard deviations are in" in warning
+
+
+@pytest.mark.parametrize(("gps", "enough"), [("auto", True), ("exif", False), ("gps.csv", False)])
+def test_too_few_positions_are_refused_before_the_work_where_they_are_asked_for(
+    gps: str, enough: bool
+) -> None:
+    places = [(46.0, 9.0 + 0.001 * k, 100.0) for k in range(4)]
+    photos = [Photo(f"{k}.jpg", None, (640, 480), position=place) for k, place in enumerate(places)]
+    named = {photo.name: place for photo, place in zip(photos, places, strict=True)}
+    known = NamedPositions(named, geodetic=True) if gps == "gps.csv" else None
+    if enough:
+        assert choose_positions(gps, known, photos) is None
+        return
+    with pytest.raises(InvalidArgument, match="gps: 4 images have a position, 5 are needed"):
+        choose_positions(gps, known, photos)
 
 
 def test_a_few_wrong_positions_are_left_out_without_doubt_of_the_others() -> None:

@@ -27,6 +27,7 @@ from sfmcpp.map import map_of_problem
 from sfmcpp.sfm import ImageOutcome
 from sfmcpp.sources.io.colmap.formats import ORIGIN
 from sfmcpp.study import SfmReport
+from sfmcpp.study.pages.sfm_page import sfm_page
 from sfmcpp.study.report_files import UNFINISHED
 from sfmcpp.study.report_table import grouped_by_reason
 from sfmcpp.study.sfm_measures import ModelMeasures
@@ -145,6 +146,17 @@ def test_positions_that_lie_are_named() -> None:
     assert "GPS left out    set/photo 0003.jpg" in report.table()
 
 
+def test_residuals_of_positions_are_told_by_axis_and_images_without_one() -> None:
+    run = finished_run()
+    offsets = {"set/photo 0003.jpg": np.full(3, 20.0), "a": np.array([3.0, 0.1, 0.0]), "b": np.zeros(3)}
+    known = gps_outcome(run, liar=3)
+    run.gps = replace(known, offsets_m=offsets, without_position=["set/photo 0001.jpg"])
+    table = SfmReport(run).table()
+    assert "GPS residuals   RMS 2.12, 0.0707, 0 m (east, north, up)\n" in table
+    assert "without GPS     set/photo 0001.jpg\n" in table
+    assert "Residuals: RMS 2.12, 0.0707, 0 m (east, north, up)." in sfm_page(SfmReport(run))
+
+
 def test_the_report_is_plain_and_nothing_of_it_depends_on_the_machine() -> None:
     slow, fast = finished_run(), finished_run(seconds={"features": 0.1}, options={"seed": 0, "threads": 1})
     slow.options = {"seed": 0, "threads": 8, "resume": True, "camera": Path("K.txt")}
@@ -179,8 +191,9 @@ def test_all_files_are_written_and_read_back(tmp_path: Path) -> None:
     assert sorted(path.name for path in (tmp_path / "new/out/model").iterdir()) == MODEL
     model = sfmcpp.read(tmp_path / "new/out/model")
     assert model.metadata.image_names == [n for i, n in enumerate(run.models[0].image_names) if i != 2]
-    frames = json.loads((tmp_path / "new/out/transforms.json").read_text())["frames"]
-    assert [frame["file_path"] for frame in frames] == model.metadata.image_names
+    transforms = json.loads((tmp_path / "new/out/transforms.json").read_text())
+    assert [frame["file_path"] for frame in transforms["frames"]] == model.metadata.image_names
+    assert transforms["ply_file_path"] == "points.ply"
 
 
 def test_pycolmap_opens_the_model_and_finds_what_is_in_it(tmp_path: Path) -> None:

@@ -116,6 +116,9 @@ def test_images_are_named_below_their_folder(tmp_path: Path) -> None:
     write_transforms(scene(), tmp_path / "transforms.json", image_folder="../photos/")
     content = json.loads((tmp_path / "transforms.json").read_text())
     assert content["frames"][3]["file_path"] == "../photos/left/3.jpg"
+    assert "ply_file_path" not in content
+    write_transforms(scene(), tmp_path / "transforms.json", points="points.ply")
+    assert json.loads((tmp_path / "transforms.json").read_text())["ply_file_path"] == "points.ply"
 
 
 @pytest.mark.parametrize("name", ["k4", "k5", "skew"])

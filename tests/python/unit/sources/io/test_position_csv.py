@@ -119,6 +119,23 @@ def test_logs_of_receivers_are_read_as_they_are(tmp_path: Path, separator: str, 
             (4.0, 4.0, 4.0),
         ),
         ("name,lat,lon,alt,sdn(m),sde(m),sdu(m)\na,1,2,3,4,5,6\n", (1.0, 2.0, 3.0), (5.0, 4.0, 6.0)),
+        ("name,lat,lon,alt,hAcc,vAcc\na,1,2,3,4,5\n", (1.0, 2.0, 3.0), (4.0, 4.0, 5.0)),
+        (
+            "name,lat,lon,alt,Accuracy Horz [m],Accuracy Vert [m]\na,1,2,3,4,5\n",
+            (1.0, 2.0, 3.0),
+            (4.0, 4.0, 5.0),
+        ),
+        (
+            "Name,Longitude,Latitude,Ellipsoidal height,Easting RMS,Northing RMS,Elevation RMS,Lateral RMS\n"
+            "a,2,1,3,4,5,6,9\n",
+            (1.0, 2.0, 3.0),
+            (4.0, 5.0, 6.0),
+        ),
+        (
+            "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude,RtkStdLon,RtkStdLat,RtkStdHgt\na,1,2,3,4,5,6\n",
+            (1.0, 2.0, 3.0),
+            (4.0, 5.0, 6.0),
+        ),
     ],
 )
 def test_common_names_of_columns_are_known(
@@ -130,8 +147,25 @@ def test_common_names_of_columns_are_known(
 
 
 @pytest.mark.parametrize(
+    ("columns", "unread"),
+    [
+        ("X_acc,Y_acc [m],Yaw_acc", ("X_acc", "Y_acc [m]")),
+        ("GPSHPositioningError,RMS", ("GPSHPositioningError", "RMS")),
+        ("sigma_x,sigma_y,sigma_z,X_acc", ()),
+        ("accel_x,HDOP,yaw accuracy,Error_(m),X_error", ()),
+    ],
+)
+def test_columns_that_seem_to_be_deviations_are_told_where_none_are_read(
+    tmp_path: Path, columns: str, unread: tuple[str, ...]
+) -> None:
+    ones = ",1" * (columns.count(",") + 1)
+    assert read_position_csv(written(tmp_path, f"name,x,y,z,{columns}\na,1,2,3{ones}\n")).unread == unread
+
+
+@pytest.mark.parametrize(
     ("text", "line", "reason"),
     [
+        ("name,lat,lon,height\n", None, "holds no position below its header"),
         ("", None, "is empty"),
         ("# Exported by a program\n", 1, "must have name and lat, lon, height"),
         ("IMG_1.JPG,46.1,-91.9,198.3\nIMG_2.JPG,46.2,-91.8,198.4\n", 1, "must be a header, such as name,lat"),
