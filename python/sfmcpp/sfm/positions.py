@@ -16,7 +16,8 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import Photo
 from sfmcpp.sensors.gps import LEAST_POSITIONS, east_north_up, require_metres
-from sfmcpp.sources.io.position_csv import NamedPositions, Triple, read_position_csv
+from sfmcpp.sources.io.position_columns import Triple
+from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
 from sfmcpp.sources.vision.photos import open_photos
 
 # Origins of metric frames are whole multiples of this: what lies nearer to zero stays as it is [m].

@@ -14,56 +14,13 @@ comments, but for a header: the last of them before the first other line.
 
 from __future__ import annotations
 
-import csv
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.csv_text import (
-    DEGREES,
-    LENGTH,
-    finite_number,
-    numbered_lines,
-    separator_of,
-    unit_factor,
-    with_decimal_points,
-)
-
-Triple = tuple[float, float, float]
-Row = tuple[int, list[str]]
-_NAMES = (
-    *("name", "image", "file", "filename", "label", "photo", "sourcefile"),
-    *("image name", "file name", "photo name"),
-)
-_INDEX = ("index", "number", "camera")
-# Heights above the ellipsoid go before those that may be others.
-_HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude", "elevation", "h")
-_GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
-_METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
-_ALL_AXES = "x y z"
-_LEVEL = ("horizontal", "horz", "h", "lateral", "x y")
-_SIGMAS = (
-    ("x", "e", "east", "easting", "lon", "longitude", *_LEVEL, _ALL_AXES),
-    ("y", "n", "north", "northing", "lat", "latitude", *_LEVEL, _ALL_AXES),
-    ("z", "u", "up", "height", "alt", "altitude", "elevation", "vertical", "vert", "v", _ALL_AXES),
-)
-_SPREAD = {"sigma", "std", "stddev", "stdev", "standard", "dev", "deviation", "sd", "accuracy"}
-# Those of RTKLIB, of u-blox and of DJI's photos, in one word.
-_SPREAD_OF_AXIS = {f"{word}{axis}": axis for word in ("sd", "std") for axis in "neuxyz"}
-_SPREAD_OF_AXIS |= {"hacc": "h", "vacc": "v", "rtkstdlon": "lon", "rtkstdlat": "lat", "rtkstdhgt": "height"}
-# That of an axis is of its positions, that of nothing may be of anything.
-_RMS = "rms"
-# What else seems to be a standard deviation, but of an angle.
-_LIKE_SPREAD = re.compile(r"acc|.*(?:sigma|std|accuracy|rms|positioningerror)|(?:sigma|std).+")
-_ANGLES = {"yaw", "pitch", "roll", "heading", "omega", "phi", "kappa"}
-# Metashape names an axis in two ways at once: X/Longitude, Y/North.
-_AXIS_TWICE = re.compile(r"[xyz]/(?=\w{3})")
-# So many numbers are a line of a table, no header.
-_NUMBERS = 3
-_WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
+from sfmcpp.sources.io.csv_text import with_decimal_points
+from sfmcpp.sources.io.position_columns import PositionColumns, Triple, spreads_by_look, table_of
 
 
 @dataclass(frozen=True)
@@ -115,12 +72,12 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
         its range, a standard deviation is not positive, or a name stands there twice.
     """
     source = Path(path)
-    headers, rows = _table(source)
+    headers, rows = table_of(source)
     try:
         columns = PositionColumns.of(headers[1], numbered=numbered)
     except ValueError as error:
         raise DatasetError(source, str(error), headers[0]) from None
-    rows = with_decimal_points(source, rows, [column.place for column in (*columns.axes, *columns.sigmas)])
+    rows = with_decimal_points(source, rows, columns.numeric)
     found: dict[str, Triple] = {}
     sigmas: dict[str, Triple] = {}
     for count, (number, cells) in enumerate(rows):
@@ -129,202 +86,16 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
         name = _name_of_line(columns, count, cells)
         if name in found:
             raise DatasetError(source, f"{name!r} stands there twice", number)
-        found[name] = _position(source, number, cells, columns)
+        found[name] = columns.position(source, number, cells)
         if columns.sigmas:
-            sigmas[name] = _sigmas(source, number, cells, columns.sigmas)
+            sigmas[name] = columns.spread(source, number, cells)
     if not found:
         raise DatasetError(source, "holds no position below its header")
-    by_number, unread = columns.name is None, () if columns.sigmas else _spreads_by_look(headers[1])
+    by_number, unread = columns.name is None, () if columns.sigmas else spreads_by_look(headers[1])
     return NamedPositions(found, columns.geodetic, sigmas if columns.sigmas else None, by_number, unread)
-
-
-def _table(source: Path) -> tuple[Row, list[Row]]:
-    """The header and the other lines: their numbers and cells, as many as the header has."""
-    lines = _without_comments(list(numbered_lines(source)))
-    if not lines:
-        raise DatasetError(source, "is empty")
-    separator = separator_of(lines[0][1])
-    split = [(number, _cells(source, number, line, separator)) for number, line in lines]
-    count = len(split[0][1])
-    for number, cells in split:
-        if any(cells[count:]):
-            rule = f"must be {count}; where commas are decimal, cells are separated by ';' or tabs"
-            raise DatasetError(source, f"the line holds {len(cells)} cells: {rule}", number)
-    header, *rows = [(number, (cells + [""] * count)[:count]) for number, cells in split]
-    return header, rows
-
-
-def _cells(source: Path, number: int, line: str, separator: str) -> list[str]:
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
-    except csv.Error as error:
-        raise DatasetError(source, str(error), number) from error
-
-
-def _without_comments(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """The header, which may begin as comments do, and the lines that do not."""
-    is_comment = [line.lstrip().startswith("#") for _, line in lines]
-    rows = [line for line, comment in zip(lines, is_comment, strict=True) if not comment]
-    leading = lines[: is_comment.index(False) if rows else len(lines)]
-    if leading and (separator_of(leading[-1][1]) in leading[-1][1] or not rows):
-        return [leading[-1], *rows]
-    return rows
 
 
 def _name_of_line(columns: PositionColumns, count: int, cells: list[str]) -> str:
     """The name of an image; else its number, from a column or the line."""
     place = columns.index if columns.name is None else columns.name
     return str(count) if place is None else cells[place]
-
-
-def _position(source: Path, line: int, cells: list[str], columns: PositionColumns) -> Triple:
-    x, y, z = _numbers(source, line, cells, columns.axes)
-    if columns.geodetic and not (abs(x) <= 90 and abs(y) <= 180):
-        raise DatasetError(source, f"latitude {x:g}°, longitude {y:g}°: out of range, or swapped", line)
-    return x, y, z
-
-
-def _sigmas(source: Path, line: int, cells: list[str], columns: Sequence[Column]) -> Triple:
-    x, y, z = _numbers(source, line, cells, columns)
-    if not min(x, y, z) > 0:
-        raise DatasetError(source, f"standard deviation {min(x, y, z):g}: must be positive", line)
-    return x, y, z
-
-
-def _numbers(source: Path, line: int, cells: list[str], columns: Sequence[Column]) -> Triple:
-    x, y, z = (finite_number(source, line, c.header, cells[c.place], c.factor) for c in columns)
-    return x, y, z
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of numbers.
-
-    Attributes
-    ----------
-    place : int
-        Which one it is, from 0.
-    header : str
-        As the file has it.
-    factor : float
-        Makes its unit ours.
-    """
-
-    place: int
-    header: str
-    factor: float
-
-
-@dataclass(frozen=True)
-class PositionColumns:
-    """Columns that hold the position of an image.
-
-    Attributes
-    ----------
-    axes : sequence of 3 Column
-        Latitude, longitude and height, or x, y and z.
-    geodetic : bool
-        Which of both.
-    sigmas : sequence of 3 Column
-        Standard deviations along x, y and z; empty if the file has none.
-    name, index : int or None
-        The columns of names and of numbers of images.
-    """
-
-    axes: Sequence[Column]
-    geodetic: bool
-    sigmas: Sequence[Column]
-    name: int | None
-    index: int | None
-
-    @classmethod
-    def of(cls, headers: Sequence[str], *, numbered: bool) -> PositionColumns:
-        """Find the columns by their headers, without regard to case.
-
-        Raises
-        ------
-        ValueError
-            If some are missing, a unit is unknown, or they are no names but numbers.
-        """
-        if sum(map(_is_number, headers)) >= _NUMBERS:
-            rule = "must be a header, such as name,lat,lon,height or name,x,y,z"
-            raise ValueError(f"the first line holds numbers ({', '.join(headers)}): {rule}")
-        titles = [_normalised_header(header) for header in headers]
-        name = _index_of_first(titles, _NAMES)
-        latitude_first, cartesian = (_indices_of_groups(titles, groups) for groups in (_GEODETIC, _METRIC))
-        places = latitude_first or cartesian
-        if places is None or (name is None and not numbered):
-            rule = "must have name and lat, lon, height, or name and x, y, z"
-            raise ValueError(f"its columns are {', '.join(headers)}: {rule}")
-        geodetic = latitude_first is not None
-        units = (DEGREES, DEGREES, LENGTH) if geodetic else (LENGTH,) * 3
-        axes = [_column(headers, place, unit) for place, unit in zip(places, units, strict=True)]
-        return cls(axes, geodetic, _sigma_columns(headers), name, _index_of_first(titles, _INDEX))
-
-
-def _sigma_columns(headers: Sequence[str]) -> list[Column]:
-    titles = [_spread_axis(header) for header in headers]
-    places = _indices_of_groups(titles, _SIGMAS)
-    stated = [
-        header for header, title in zip(headers, titles, strict=True) if any(title in s for s in _SIGMAS)
-    ]
-    if places is None and stated:
-        rule = "must be sigma_x, sigma_y, sigma_z, or sigma_horizontal, sigma_vertical, or one sigma"
-        raise ValueError(f"its standard deviations are {', '.join(stated)}: {rule}")
-    return [_column(headers, place, LENGTH) for place in places or ()]
-
-
-def _spreads_by_look(headers: Sequence[str]) -> tuple[str, ...]:
-    """Columns that seem to be standard deviations of positions, by any name."""
-    words = [_words(header) for header in headers]
-    alike = [any(map(_LIKE_SPREAD.fullmatch, of_one)) and not _ANGLES & set(of_one) for of_one in words]
-    return tuple(header for header, seems in zip(headers, alike, strict=True) if seems)
-
-
-def _column(headers: Sequence[str], place: int, units: dict[str, float]) -> Column:
-    """Make a column of numbers, in our unit where it names none."""
-    header = headers[place]
-    unit = _header_and_unit(header)[1]
-    return Column(place, header, unit_factor(header, unit, units) if unit else 1.0)
-
-
-def _header_and_unit(header: str) -> tuple[str, str]:
-    match = _WITH_UNIT.fullmatch(header)
-    return (header, "") if match is None else (match[1], match[2] or "")
-
-
-def _words(header: str) -> list[str]:
-    title = _AXIS_TWICE.sub("", _header_and_unit(header)[0].lower(), count=1)
-    return re.findall(r"[^\W_]+", title.replace("gps", "", 1))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _normalised_header(header: str) -> str:
-    return " ".join(_words(header))
-
-
-def _spread_axis(header: str) -> str:
-    """The axis that a header names a standard deviation along, or all; empty if it names none."""
-    words = [word for word in _words(header) if word != "position"]
-    if len(words) == 1 and words[0] in _SPREAD_OF_AXIS:
-        return _SPREAD_OF_AXIS[words[0]]
-    axis = " ".join(word for word in words if word not in _SPREAD and word != _RMS)
-    if _SPREAD & set(words):
-        return axis or _ALL_AXES
-    return axis if _RMS in words else ""
-
-
-def _index_of_first(titles: Sequence[str], names: Sequence[str]) -> int | None:
-    return next((titles.index(name) for name in names if name in titles), None)
-
-
-def _indices_of_groups(titles: Sequence[str], groups: Sequence[Sequence[str]]) -> list[int] | None:
-    places = [_index_of_first(titles, names) for names in groups]
-    return [place for place in places if place is not None] if None not in places else None

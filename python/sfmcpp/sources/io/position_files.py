@@ -12,7 +12,8 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.position_csv import NamedPositions, Triple
+from sfmcpp.sources.io.position_columns import Triple
+from sfmcpp.sources.io.position_csv import NamedPositions
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.position_csv import Triple, read_position_csv
+from sfmcpp.sources.io.position_columns import Triple
+from sfmcpp.sources.io.position_csv import read_position_csv
 
 
 def written(folder: Path, text: str) -> Path:
