@@ -12,6 +12,9 @@ from sfmcpp.cli.bag import bag
 from sfmcpp.cli.choices import (
     Checkpoint,
     CheckpointEvery,
+    ControlFile,
+    ControlSigma,
+    GpsSource,
     Resume,
     choice_option,
     one_of,
@@ -26,6 +29,7 @@ from sfmcpp.cli.info import info
 from sfmcpp.cli.reconstruct import reconstruct
 from sfmcpp.cli.slam import slam
 from sfmcpp.cli.synth import synth
+from sfmcpp.sources.io.control_points import SURVEY_SIGMA_M
 from sfmcpp.sources.io.trajectories import WRITABLE_TRAJECTORY_FORMATS
 
 app = typer.Typer(
@@ -106,14 +110,9 @@ def solve(
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = None,
-    gps: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.csv|FOLDER",
-            help="Align to camera positions and adjust with them. Columns: name or index; lat, lon, height "
-            "or x, y, z; sigma_x, sigma_y, sigma_z if known. A folder: positions in the EXIF of photos.",
-        ),
-    ] = None,
+    gps: GpsSource = None,
+    gcp: ControlFile = None,
+    gcp_sigma_m: ControlSigma = SURVEY_SIGMA_M,
     rigs: Annotated[
         str, choice_option(RIGS, "Rig sensors: held fixed, estimated, or ignored as rigs")
     ] = RIGS[0],
@@ -122,6 +121,7 @@ def solve(
 ) -> ExitCode:
     """Adjust cameras, intrinsics and points of a problem."""
     from sfmcpp.cli.checkpoints import Checkpoints
+    from sfmcpp.cli.control import Control
     from sfmcpp.cli.georeferencing import Gps
     from sfmcpp.cli.run import Job, solve_file
     from sfmcpp.cli.targets import Targets
@@ -129,7 +129,8 @@ def solve(
     targets = Targets(output, report, plot, positions_out, view, covariances)
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     refined = refined_intrinsics(refine)
-    job = Job(source, targets, options, refined, camera_model, quiet, kept, mpi, Gps(gps), rigs)
+    world = Gps(gps), Control(gcp, gcp_sigma_m)
+    job = Job(source, targets, options, refined, camera_model, quiet, kept, mpi, *world, rigs)
     return solve_file(job)
 
 

@@ -21,6 +21,26 @@ Checkpoint = Annotated[
     typer.Option(metavar="DIR", help="Folder to save checkpoints in, to resume from later."),
 ]
 CheckpointEvery = Annotated[float, typer.Option(metavar="SECONDS", min=0.0, help="Time between checkpoints.")]
+GpsSource = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.csv|FOLDER",
+        help="Align to camera positions and adjust with them. Columns: name or index; lat, lon, height "
+        "or x, y, z; sigma_x, sigma_y, sigma_z if known. A folder: positions in the EXIF of photos.",
+    ),
+]
+ControlFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Align to ground control points and adjust with them. Columns: name; x, y, z or lat, lon, "
+        "height; image, u, v; sigma, check if known. Or a gcp_list.txt of OpenDroneMap.",
+    ),
+]
+ControlSigma = Annotated[
+    float,
+    typer.Option(metavar="M", help="Standard deviation of control points whose file states none.", min=1e-6),
+]
 Resume = Annotated[
     Path | None,
     typer.Option(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import sfmcpp
@@ -14,6 +15,7 @@ from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.console import ExitCode, print_error, print_note
+from sfmcpp.cli.control import Control
 from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.flags import RIGS, as_options
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
@@ -23,11 +25,12 @@ from sfmcpp.cli.reading import note_changed, note_left_out, read_with_notes
 from sfmcpp.cli.targets import Targets, write_page
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.residual_group import Group
 from sfmcpp.sources.io.api import read_part, write, write_part
 from sfmcpp.weighting import solve
 
 if TYPE_CHECKING:
-    from sfmcpp.sfm.georeference import Georeferenced
+    from sfmcpp.sfm.control_points import ControlOutcome
     from sfmcpp.sfm.result import GpsOutcome
 
 
@@ -55,6 +58,8 @@ class Job:
         Whether to ask MPI for other processes even where no known launcher has left a trace.
     gps : Gps
         Positions to bring the problem to.
+    control : Control
+        Surveyed points to bring the problem to.
     rigs : str
         ``"fixed"``: sensors stay where they are in their rigs; ``"free"``: all but the first of each rig are
         estimated; ``"ignore"``: each camera moves by itself.
@@ -69,6 +74,7 @@ class Job:
     checkpoints: Checkpoints = field(default_factory=Checkpoints)
     mpi: bool = False
     gps: Gps = field(default_factory=Gps)
+    control: Control = field(default_factory=Control)
     rigs: str = RIGS[0]
 
 
@@ -92,12 +98,16 @@ def solve_file(job: Job) -> ExitCode:
     started = time.perf_counter()
     problem = _problem(job)
     job.targets.check_fits(problem, refined=job.refine is not None)
-    job.gps.check_fits(job.targets.positions, problem)
-    if not job.quiet and job.options.get("max_iterations") != 0:
+    if job.control.source is None:
+        job.gps.check_fits(job.targets.positions, problem)
+    if job.control.source is None and not job.quiet and job.options.get("max_iterations") != 0:
         job.gps.tell_if_missing(job.source, problem)
     seconds_read = time.perf_counter() - started
     georeferenced = job.gps.georeference(problem, job.options)
-    summary = _solve(job, problem, georeferenced)
+    controlled = job.control.fit(problem, job.options)
+    problem = problem if controlled is None else controlled.problem
+    groups = [found.group for found in (georeferenced, controlled) if found is not None]
+    summary = _solve(job, problem, groups)
     with noted_interrupt() as is_stopped:
         complaints = _write_complaints(lambda path: write(problem, path), job.targets.problem)
         if job.targets.problem is not None and not (complaints or job.quiet):
@@ -107,14 +117,15 @@ def solve_file(job: Job) -> ExitCode:
             lambda path: write_camera_positions(path, problem, outcome), job.targets.positions
         )
         complaints += _write_complaints(lambda path: write_page(problem, path, job.source), job.targets.page)
-        groups = () if georeferenced is None else (georeferenced.group,)
         known = Precision()
         complaints += _write_complaints(
             lambda path: known.write(path, problem, summary, groups, job.options, is_stopped),
             job.targets.covariances,
         )
         size = ProblemSize.of(problem)
-        return _report_and_print(job, size, summary, seconds_read, complaints, gps=outcome, known=known)
+        control = None if controlled is None else controlled.outcome
+        placed = {"gps": outcome, "control": control}
+        return _report_and_print(job, size, summary, seconds_read, complaints, placed=placed, known=known)
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
@@ -122,6 +133,7 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
 
     ranks.from_root(lambda: _check(job))
     ranks.from_root(lambda: job.gps.refuse_ranks(job.targets.positions))
+    ranks.from_root(job.control.refuse_ranks)
     ranks.from_root(job.targets.refuse_ranks)
     started = time.perf_counter()
     part = _part(job, ranks)
@@ -145,6 +157,7 @@ def _check(job: Job) -> None:
     _check_options(job.options)
     job.targets.check(job.source)
     job.gps.check(job.targets.positions)
+    job.control.check(job.gps.source, job.targets.positions)
     job.checkpoints.check_input_stays(job.source, job.targets.problem)
 
 
@@ -155,28 +168,36 @@ def _report_and_print(
     seconds_read: float,
     complaints: list[DatasetError],
     memory: Sequence[float] = (),
-    gps: GpsOutcome | None = None,
+    placed: Mapping[str, GpsOutcome | ControlOutcome | None] = MappingProxyType({}),
     known: Precision | None = None,
 ) -> ExitCode:
-    """Report and print; `memory` is the largest that each rank has used [bytes]."""
+    """Report and print; `memory` is the largest that each rank has used [bytes], `placed` what moved it."""
     report = _report(job.source, size, summary, seconds_read)
     report |= {"peak_memory_bytes_of_ranks": list(memory)} if memory else {}
-    report |= {} if gps is None else {"gps": gps.to_dict()}
+    outcomes = {name: outcome for name, outcome in placed.items() if outcome is not None}
+    report |= {name: outcome.to_dict() for name, outcome in outcomes.items()}
     report |= {} if known is None else known.to_report()
     complaints = complaints + _write_reports(job, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
-        from sfmcpp.study.report_table import gps_rows
 
-        placed = () if gps is None else (*gps_rows(gps), *(("warning", warning) for warning in gps.warnings))
+        world = [row for outcome in outcomes.values() for row in _world_rows(outcome)]
         precise = () if known is None else known.rows()
         is_written = known is not None and known.is_written
         targets = job.targets if is_written else replace(job.targets, covariances=None)
-        print_summary(job.source, size, summary, seconds_read, targets, (*placed, *precise))
+        print_summary(job.source, size, summary, seconds_read, targets, (*world, *precise))
     if known is not None and known.is_interrupted and not complaints:
         print_note("interrupted: the covariances are not written, all else is")
         return ExitCode.INTERRUPTED
     return _exit_code(job, summary, complaints)
+
+
+def _world_rows(outcome: GpsOutcome | ControlOutcome) -> Iterator[tuple[str, str]]:
+    from sfmcpp.sfm.result import GpsOutcome
+    from sfmcpp.study.report_table import control_rows, gps_rows
+
+    yield from gps_rows(outcome) if isinstance(outcome, GpsOutcome) else control_rows(outcome)
+    yield from (("warning", warning) for warning in outcome.warnings)
 
 
 def _part(job: Job, ranks: Ranks) -> Part:
@@ -219,16 +240,14 @@ def _check_options(values: dict[str, Any]) -> None:
         raise InvalidArgument(as_options(str(error))) from error
 
 
-def _solve(
-    job: Job, problem: Problem, georeferenced: Georeferenced | None = None, ranks: Ranks | None = None
-) -> Summary:
+def _solve(job: Job, problem: Problem, groups: Sequence[Group] = (), ranks: Ranks | None = None) -> Summary:
     from sfmcpp.cli.display import shown_progress
 
     try:
         with shown_progress(quiet=job.quiet or not (ranks is None or ranks.is_root)) as listener:
             return solve(
                 problem,
-                constraints=() if georeferenced is None else [georeferenced.group],
+                constraints=groups,
                 callback=listener,
                 checkpoint=job.checkpoints.save,
                 resume=job.checkpoints.resume,

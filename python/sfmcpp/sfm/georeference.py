@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.ba.linearize import LinearModel, linearize
+from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import takes_options
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity
@@ -25,6 +25,7 @@ from sfmcpp.model.arrays import FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE
+from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
 from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
 from sfmcpp.sfm.position_checks import (
     NO_FIX,
@@ -52,8 +53,6 @@ _LINE = 0.01
 _ROUNDS = 8
 # Cameras whose covariance tells the accuracy of all, at most.
 _JUDGED = 300
-# What of the options of a solve a linear model takes.
-_LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +129,7 @@ def georeference_to(
     problem: Problem, positions: Positions, seed: int = 0, **options: Unpack[SolveKeywords]
 ) -> Georeferenced:
     """:func:`georeference` by positions that are in a metric frame already."""
-    _require_movable(problem)
+    require_movable(problem)
     _uses_stated_sigmas(problem, positions)
     solve(problem, **options).require_uninterrupted()
     return _georeferenced(problem, positions, image_names(problem), seed, dict(options), lambda _: None)
@@ -185,7 +184,8 @@ def _sigmas(value: ArrayLike | None, problem: Problem) -> FloatArray | None:
     return None if value is None else _position_rows("sigmas_m", value, problem)
 
 
-def _require_movable(problem: Problem) -> None:
+def require_movable(problem: Problem) -> None:
+    """Raise InvalidArgument where positions cannot move a problem: projective, or something is fixed."""
     if not problem.is_metric:
         raise InvalidArgument(f"problem: {problem.camera_model} cameras have no positions to compare")
     for what, fixed in (("cameras", problem.fixed_cameras), ("points", problem.fixed_points)):
@@ -240,7 +240,7 @@ def _georeferenced(
         good = agrees
     distances = np.linalg.norm(apart, axis=1)
     alone = good & unchecked_positions(problem.centres[images], weights, good)
-    model = _linear_model(problem, [group], options)
+    model = linear_model(problem, [group], options)
     warnings = [
         *(NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
         *warnings_of_all(problem.cameras, problem.centres[images], stated, sigma_m, seed),
@@ -274,9 +274,14 @@ def _require_enough(metres: FloatArray) -> None:
         )
 
 
-def _require_not_collinear(metres: FloatArray, lies: list[str]) -> None:
+def is_on_a_line(metres: FloatArray) -> bool:
+    """Whether positions (n, 3) leave a model free to turn about a line."""
     spread = np.linalg.svd(metres - np.median(metres, axis=0), compute_uv=False)
-    if spread[1] <= _LINE * spread[0]:
+    return bool(spread[1] <= _LINE * spread[0])
+
+
+def _require_not_collinear(metres: FloatArray, lies: list[str]) -> None:
+    if is_on_a_line(metres):
         but = f" but for those that disagree ({', '.join(lies[:3])})" if lies else ""
         raise InvalidArgument(
             f"gps: the positions{but} lie on a line, which leaves the model free to turn round it"
@@ -303,7 +308,7 @@ def _adjust(
     cameras = images.astype(np.int32)
     group = ConstraintGroup("position", cameras, metres, member_weights=weights, name="gps")
     if stated_m is not None:
-        group.weight = 3 / stated_m**2 * _pixel_variance(_linear_model(problem, [], options))
+        group.weight = 3 / stated_m**2 * pixel_variance(linear_model(problem, [], options))
         solve(problem, constraints=[group], **options).require_uninterrupted()
         return group, stated_m
     summary = solve(problem, constraints=[group], weight="auto", **options)
@@ -318,21 +323,9 @@ def _sigmas_of_result(
     count, examples = problem.num_cameras, an_image_of_each(problem)
     spread = np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32)
     judged = np.union1d(spread, examples).astype(np.int32) if len(examples) <= _JUDGED else spread
-    covariances = model.covariance(cameras=judged).cameras * _pixel_variance(model)
+    covariances = model.covariance(cameras=judged).cameras * pixel_variance(model)
     intrinsics = None
     if len(examples) <= _JUDGED:
         of_examples = covariances[np.searchsorted(judged, examples)]
         intrinsics = intrinsics_sigmas_of(problem, model, of_examples)
     return judged, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[:, 3:6]), intrinsics
-
-
-def _linear_model(problem: Problem, groups: list[ConstraintGroup], options: dict[str, Any]) -> LinearModel:
-    known = {name: options[name] for name in _LINEAR if name in options}
-    return linearize(problem, constraints=groups, **known)
-
-
-def _pixel_variance(model: LinearModel) -> float:
-    """Variance of a coordinate of an observation, over that which it was taken to have."""
-    squared = (model.residuals**2).sum(axis=1)
-    redundancy = 2 * len(squared) - model.num_columns
-    return float((model.observation_weights * squared).sum() / max(redundancy, 1))

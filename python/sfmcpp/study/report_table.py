@@ -12,7 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from sfmcpp.model.metadata import WorldOrigin
-    from sfmcpp.sfm import GpsOutcome
+    from sfmcpp.sfm import ControlOutcome, GpsOutcome
 
 
 T = TypeVar("T")
@@ -77,6 +77,24 @@ def residuals_text(gps: GpsOutcome) -> str:
     """How far the images lie from their positions along the axes, but for those that were left out."""
     axes = "east, north, up" if gps.geodetic else "x, y, z"
     return f"RMS {', '.join(f'{value:.3g}' for value in gps.rms_m or ())} m ({axes})"
+
+
+def control_rows(control: ControlOutcome) -> Iterator[tuple[str, str]]:
+    """How a model fits its control and check points, the worst of each, and the origin."""
+    for title, checks in (("control points", False), ("check points", True)):
+        rms, some = control.rms_m(checks=checks), np.flatnonzero(control.checks == checks)
+        if rms is None:
+            continue
+        distances = np.linalg.norm(control.offsets_m[some], axis=1)
+        worst = control.names[some[int(np.argmax(distances))]]
+        axes = ", ".join(f"{value:.3g}" for value in rms)
+        yield title, f"{len(some)}; off by {axes} m (RMS by axis), most {worst!r} {distances.max():.3g} m"
+    yield (
+        "marks",
+        f"{int(control.num_marks.sum())}; {control.errors_px.mean():.3g} px from their images (mean)",
+    )
+    if np.any(control.world_origin.place):
+        yield "origin", origin_text(control.world_origin)
 
 
 def origin_text(origin: WorldOrigin) -> str:

@@ -1,0 +1,26 @@
+"""The linear model of an adjustment and the variance of its observations."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from sfmcpp.ba.linearize import LinearModel, linearize
+from sfmcpp.model import Problem
+from sfmcpp.model.residual_group import Group
+
+# What of the options of a solve a linear model takes.
+_LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
+
+
+def linear_model(problem: Problem, groups: Iterable[Group], options: dict[str, Any]) -> LinearModel:
+    """The linear model at a problem, by what it takes of the options of a solve."""
+    known = {name: options[name] for name in _LINEAR if name in options}
+    return linearize(problem, constraints=groups, **known)
+
+
+def pixel_variance(model: LinearModel) -> float:
+    """Variance of a coordinate of an observation, over that which it was taken to have."""
+    squared = (model.residuals**2).sum(axis=1)
+    redundancy = 2 * len(squared) - model.num_columns
+    return float((model.observation_weights * squared).sum() / max(redundancy, 1))

@@ -1,0 +1,70 @@
+"""`sfmcpp solve --gcp`: the result is in the world of the survey."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp
+from cli_helpers import run_here, strict_json
+from sfmcpp.model.arrays import FloatArray
+
+UTM = np.array([691_500.0, 5_334_500.0, 520.0])
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> tuple[Path, Path, FloatArray]:
+    """A model in a frame of its own, a file of six control and two check points, the other true points."""
+    truth = sfmcpp.circle_scene(30, 200, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=5)
+    truth.metadata.image_names = [f"IMG_{k:03d}.jpg" for k in range(30)]
+    model = truth.with_points(np.arange(8, 200))
+    model.cameras[:, :, 3] /= 2
+    model.points /= 2
+    sfmcpp.write(model, tmp_path / "start.npz")
+    lines = ["name,x,y,z,image,u,v,check"]
+    for row in np.flatnonzero(truth.point_index < 8):
+        point = int(truth.point_index[row])
+        place = (*(truth.points[point] + UTM).tolist(), f"IMG_{truth.camera_index[row]:03d}.jpg")
+        lines.append(f"p{point}," + ",".join(map(str, (*place, *truth.pixels[row], int(point > 5)))))
+    table = tmp_path / "gcp.csv"
+    table.write_text("\n".join(lines) + "\n")
+    return tmp_path / "start.npz", table, truth.points[8:] + UTM
+
+
+def test_a_file_ends_in_the_world_of_its_control_points(
+    survey: tuple[Path, Path, FloatArray], tmp_path: Path
+) -> None:
+    source, table, points = survey
+    output, report, where = tmp_path / "out.npz", tmp_path / "report.json", tmp_path / "where.csv"
+    files = ("-o", output, "--report", report, "--positions-out", where)
+    result = run_here("solve", source, "--gcp", table, *files)
+    assert (result.returncode, result.stderr) == (0, "")
+    told = strict_json(report)["control"]
+    assert told["origin"] == {"x_m": 691_000.0, "y_m": 5_334_000.0, "z_m": 0.0}
+    assert max(told["rms_of_checks_m"]) < 0.05
+    assert [point["check"] for point in told["points"]] == [False] * 6 + [True] * 2
+    there = sfmcpp.read(output).points[: len(points)] + list(told["origin"].values())
+    assert np.linalg.norm(there - points, axis=1).mean() < 0.05
+    shown = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    assert any(line.startswith("control points 6; off by") for line in shown)
+    assert any(line.startswith("check points 2; off by") for line in shown)
+    assert where.read_text().splitlines()[1].startswith("IMG_000.jpg,69")
+
+
+def test_what_does_not_go_together_is_refused_in_one_line(
+    survey: tuple[Path, Path, FloatArray], tmp_path: Path
+) -> None:
+    source, table, _ = survey
+    gps = run_here("solve", source, "--gcp", table, "--gps", table)
+    assert gps.returncode == 2
+    assert "--gcp: must be without --gps" in gps.stderr
+    table.write_text(table.read_text().replace("IMG_", "DJI_"))
+    other = run_here("solve", source, "--gcp", table)
+    assert other.returncode == 2
+    assert other.stderr.startswith(f"sfmcpp: error: {table}: none of the marked images (DJI_")
+    geojson = run_here("solve", source, "--gcp", table, "--positions-out", tmp_path / "a.geojson")
+    assert geojson.returncode == 2
+    missing = run_here("solve", source, "--gcp", tmp_path / "none.csv")
+    assert (missing.returncode, "no such file" in missing.stderr) == (2, True)
