@@ -138,9 +138,9 @@ def test_ground_control_brings_points_to_where_they_are(tmp_path: Path) -> None:
     known = {"np": np, "sfmcpp": sfmcpp}
     names = run_section("how-to/gps.md", "## Ground control points", known, tmp_path)
     truth = sfmcpp.circle_scene(40, 300, pixel_sigma_px=0.5, seed=3)
-    model, joined = names["model"], names["joined"]
+    model, joined = names["model"], names["found"].problem
     before_m, after_m = (
-        np.linalg.norm(p.points[: model.num_points] - truth.points[8:], axis=1) for p in (model, joined)
+        np.linalg.norm(p.points[: model.num_points] - truth.points[10:], axis=1) for p in (model, joined)
     )
     assert before_m.mean() > 2.0
     assert after_m.mean() < 0.03

@@ -14,7 +14,7 @@ projection, then ``x y z u v image name`` for each mark, in that order; latitude
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -45,7 +45,17 @@ _CELLS = 6
 
 @dataclass(frozen=True)
 class Mark:
-    """Where an image shows a point: the number of the point, the name of the image, the pixel."""
+    """Where an image shows a point.
+
+    Attributes
+    ----------
+    point : int
+        Number of the point, from 0.
+    image : str
+        Name of the image.
+    pixel : (2,) float
+        u, v there [px].
+    """
 
     point: int
     image: str
@@ -68,7 +78,7 @@ class ControlPoints:
         Where images show them.
     sigmas_m : sequence of 3 numbers, or None
         Standard deviations of each, east, north, up or along x, y, z [m].
-    checks : frozenset of int
+    checks : set of int
         Numbers of those that are compared with the model and do not move it.
     """
 
@@ -77,7 +87,7 @@ class ControlPoints:
     geodetic: bool
     marks: Sequence[Mark]
     sigmas_m: Sequence[Triple] | None = None
-    checks: frozenset[int] = frozenset()
+    checks: Set[int] = frozenset()
 
 
 def read_control_points(path: str | PathLike[str]) -> ControlPoints:
