@@ -16,9 +16,9 @@ fail() { echo "sfmcpp: $*" >&2; exit 1; }
 # Minutes where all is new, in which pip says nothing.
 tell_progress() {
   while sleep 20; do
-    all=$(grep -cE '^build cpp/CMakeFiles/[^ ]*\.o:' "$2/build.ninja" 2>/dev/null || true)
-    done=$(find "$2/cpp" -name '*.o' 2>/dev/null | wc -l || true)
-    echo "sfmcpp: $done of ${all:-?} files compiled after $SECONDS s"
+    objects=($(ninja -C "$2" -t commands _core 2>/dev/null | grep -oE 'cpp/[^ ]+\.o -c ' | cut -d ' ' -f 1 || true))
+    done=$(cd "$2" 2>/dev/null && ls /dev/null "${objects[@]}" 2>/dev/null | grep -c '\.o$' || true)
+    (( ${#objects[@]} == 0 )) || echo "sfmcpp: ${done:-0} of ${#objects[@]} files compiled after $SECONDS s"
   done
 }
 echo "sfmcpp: compiling the C++ core and installing the package with its extras into $1: about three minutes where all is new"

@@ -59,9 +59,13 @@ bool read(const char* path, Bal& out) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  Bal bal;
-  if (argc != 2 || !read(argv[1], bal)) {
+  if (argc != 2) {
     std::cerr << "usage: bal FILE, a problem of BAL as plain text\n";
+    return 2;
+  }
+  Bal bal;
+  if (!read(argv[1], bal)) {
+    std::cerr << argv[1] << ": cannot be read as a problem of BAL in plain text\n";
     return 2;
   }
   const sfmcpp::ba::Problem problem{.camera_model = sfmcpp::CameraModelId::kBal,

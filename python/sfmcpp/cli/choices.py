@@ -60,18 +60,18 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
     return check
 
 
-def _look_of_names(names: tuple[str, ...]) -> dict[str, Any]:
-    """Keywords of an option that takes one of the names: display, check and completion."""
+def look_of_names(names: tuple[str, ...], metavar: str = "NAME") -> dict[str, Any]:
+    """Keywords of an option or argument that takes one of the names: display, check and completion."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in names if name.startswith(incomplete)]
 
-    return {"metavar": "NAME", "callback": one_of(names), "autocompletion": complete}
+    return {"metavar": metavar, "callback": one_of(names), "autocompletion": complete}
 
 
 def choice_option(names: tuple[str, ...], text: str, more: str = "") -> Any:
     """Make an option that takes one of the names; `more` of them follows their list."""
-    return typer.Option(help=f"{text}: {', '.join(names)}{more}.", **_look_of_names(names))
+    return typer.Option(help=f"{text}: {', '.join(names)}{more}.", **look_of_names(names))
 
 
 def with_solve_options(command: Command) -> Command:
@@ -88,7 +88,7 @@ def _annotation(option: SolveOption) -> Any:
     type_: Any = {"str": str, "int": int, "float": float, "bool": bool}[option.type]
     look: dict[str, Any] = {"help": f"{option.description}{': ' * bool(names)}{', '.join(names)}."}
     if names:
-        look |= _look_of_names(names)
+        look |= look_of_names(names)
     if option.unit:
         look["metavar"] = option.unit.upper() + (f"|{option.unset}" if option.unset else "")
     if option.unset:

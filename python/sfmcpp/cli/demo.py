@@ -65,7 +65,7 @@ def _show(solved: Problem, truth: Problem, folder: Path, pictures: bool) -> None
         unit="m",
     )
     save_scene_page(scene, folder / "view.html")
-    print_result(f"written               {folder / 'view.html'}: open it in a browser")
+    print_result(f"written          {folder / 'view.html'}: open it in a browser")
     if not pictures:
         print_result("no pictures; to draw them: pip install 'sfmcpp[plot]'")
         return
@@ -76,4 +76,4 @@ def _show(solved: Problem, truth: Problem, folder: Path, pictures: bool) -> None
         from_above[:, [0, 2, 1]] for from_above in (solved.centres, solved.points, truth.centres)
     )
     save_figure(plot_top_view(centres, centres, points, truth=true, unit="m"), folder / "scene.png")
-    print_result(f"written               {folder / 'scene.png'}")
+    print_result(f"written          {folder / 'scene.png'}")

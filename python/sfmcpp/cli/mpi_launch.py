@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.console import ExitCode, print_note
@@ -13,6 +13,9 @@ from sfmcpp.errors import InvalidArgument, SfmcppError
 
 # Where launchers say how many they have started: MPICH and Intel MPI, Open MPI.
 _SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
+_RANKS = ("PMI_RANK", "OMPI_COMM_WORLD_RANK")
+# Commands that the processes of a launcher do together.
+_TOGETHER = ("solve", "convert", "demo")
 # MPICH says that it was asked to end, after the one line that says why.
 _QUIET_ABORT = "MPIR_CVAR_SUPPRESS_ABORT_MESSAGE"
 
@@ -20,6 +23,15 @@ _QUIET_ABORT = "MPIR_CVAR_SUPPRESS_ABORT_MESSAGE"
 def num_launched() -> int:
     """Count the processes that a known launcher says it has started with this one."""
     return max(int(os.environ.get(name, "1")) for name in _SIZES)
+
+
+def is_said_by_another(arguments: Sequence[str]) -> bool:
+    """Whether another process of a launcher prints what these arguments lead to, usage errors included.
+
+    Other commands, such as `info`, each process does for itself: its arguments may be its own.
+    """
+    ours_alone = bool(arguments) and arguments[0] not in _TOGETHER and not arguments[0].startswith("-")
+    return not ours_alone and any(int(os.environ.get(name, "0")) > 0 for name in _RANKS)
 
 
 def launched_ranks(*, asked: bool) -> Ranks | None:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from sfmcpp.cli.choices import one_of
+from sfmcpp.cli.choices import look_of_names
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
@@ -18,9 +18,7 @@ from sfmcpp.sources.synthetic import SCENES, add_outliers, perturb
 _NAMES = ", ".join(SCENES)
 _DEFAULT = "Default: the scene's own."
 
-Scene = Annotated[
-    str, typer.Argument(metavar="SCENE", callback=one_of(tuple(SCENES)), help=f"One of {_NAMES}.")
-]
+Scene = Annotated[str, typer.Argument(help=f"One of {_NAMES}.", **look_of_names(tuple(SCENES), "SCENE"))]
 Output = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="Output file, in any format.")]
 Truth = Annotated[
     Path | None,

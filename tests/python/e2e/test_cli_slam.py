@@ -7,6 +7,7 @@ import os
 import pty
 import signal
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -207,6 +208,17 @@ def test_bad_usage_and_bad_input_are_one_line_and_write_nothing(
     assert is_one_error_line(result)
     assert told in result.stderr
     assert names_in(tmp_path) == before
+
+
+def test_what_an_extra_would_install_is_told_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_drive(tmp_path / "drive.csv", corridor())
+    monkeypatch.setitem(sys.modules, "poselib", None)
+    result = run_here("slam", "drive.csv", *OUT, cwd=tmp_path)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert result.stderr.endswith("need poselib: pip install 'sfmcpp[vision]'\n")
 
 
 @pytest.mark.parametrize(

@@ -108,3 +108,13 @@ def test_bad_usage_is_one_line_and_nothing_is_written(
     assert is_one_error_line(result)
     assert told in result.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_shell_completes_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {
+        "_SFMCPP_COMPLETE": "complete_bash",
+        "COMP_WORDS": "sfmcpp synth c",
+        "COMP_CWORD": "2",
+    }.items():
+        monkeypatch.setenv(name, value)
+    assert run().stdout.split() == ["circle", "corridor", "city-blocks"]

@@ -243,6 +243,33 @@ def test_what_is_wrong_is_said_once(arguments: tuple[str, ...], reason: str, tmp
     assert reason in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("solve", "a.npz", "--frobnicate"), "sfmcpp: error: No such option: --frobnicate"),
+        (("convert", "a.npz"), "sfmcpp: error: Missing argument 'OUT'"),
+        (("solve", ""), "sfmcpp: error: argument ''"),
+        (("--version",), "sfmcpp 0."),
+        (("solve", "--help"), "Usage: sfmcpp solve"),
+        (("demo", "-o", "folder"), "The demo is in "),
+    ],
+)
+def test_what_all_processes_would_say_is_said_once(
+    arguments: tuple[str, ...], told: str, tmp_path: Path
+) -> None:
+    """Before MPI is asked which of them is the first, too."""
+    given = [str(tmp_path / a) if a == "folder" else a for a in arguments]
+    result = on_ranks(2, "-m", "sfmcpp", *given)
+    assert result.returncode == (2 if "error" in told else 0)
+    assert (result.stdout + result.stderr).count(told) == 1
+
+
+def test_what_is_no_work_of_all_each_process_says(tmp_path: Path) -> None:
+    result = on_ranks(2, "-m", "sfmcpp", "info", write_noisy_circle(tmp_path))
+    require_success(result)
+    assert result.stdout.count("observations    ") == 2
+
+
 def test_processes_that_cannot_reach_each_other_are_told(tmp_path: Path) -> None:
     result = subprocess.run(
         [sys.executable, "-m", "sfmcpp", "solve", write_noisy_circle(tmp_path)],

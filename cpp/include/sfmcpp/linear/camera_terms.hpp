@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::linear {
