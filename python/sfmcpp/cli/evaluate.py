@@ -31,7 +31,8 @@ Truth = Annotated[
     typer.Option(
         "--truth",
         metavar="PATH",
-        help="True trajectory; for a model also a COLMAP model or a folder of Strecha's IMAGE.camera files.",
+        help="True trajectory; for a model also a model in any format with names of images, "
+        "transforms.json among them, or a folder of Strecha's IMAGE.camera files.",
     ),
 ]
 Align = Annotated[
