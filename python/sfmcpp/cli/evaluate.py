@@ -31,7 +31,8 @@ Truth = Annotated[
     typer.Option(
         "--truth",
         metavar="PATH",
-        help="True trajectory; for a model also a COLMAP model or a folder of Strecha's IMAGE.camera files.",
+        help="True trajectory; for a model also a model in any format with names of images, "
+        "transforms.json among them, or a folder of Strecha's IMAGE.camera files.",
     ),
 ]
 Align = Annotated[
@@ -274,7 +275,7 @@ def _model_rows(
     yield "", f"{'errors':<22}" + "".join(f"{name:>12}" for name in _COLUMNS)
     for what, key in (("centre", "centre_error"), ("rotation [deg]", "rotation_error_deg")):
         yield "", f"  {what:<20}" + "".join(f"{content[key][name]:>12.5g}" for name in _COLUMNS)
-    yield from (("warning", text) for text in (alignment.warning, found.note) if text)
+    yield from (("warning", text) for text in (alignment.warning, found.warning, found.note) if text)
     yield from (("written", str(path)) for path in targets)
 
 

@@ -34,6 +34,8 @@ from sfmcpp.study.evaluation.metrics import Statistics, auc, relative_pose_error
 
 AUC_THRESHOLDS_DEG = (1.0, 3.0, 5.0, 10.0)
 MODEL_ALIGNMENTS = ("all", "robust", "none")
+# No model of the same photos has half of its images turned so far once it is aligned [deg].
+_TURNED_DEG = 90.0
 
 AnyPath = str | PathLike[str]
 
@@ -101,6 +103,16 @@ class ModelEvaluation:
         left_out = zip(self.names, self.aligned_by, strict=True)
         return tuple(name for name, used in left_out if robust and not used)
 
+    @property
+    def warning(self) -> str:
+        """Warning if the model and the truth do not seem to belong together; empty otherwise."""
+        if self.alignment.warning or np.median(self.rotation_errors_deg) < _TURNED_DEG:
+            return ""
+        return (
+            f"half of the images are turned by more than {_TURNED_DEG:.0f}°: are both of the same scene, in "
+            "the same convention of axes, and are equal names of images the same images?"
+        )
+
     def auc(self, threshold_deg: float) -> float:
         """Area, 0 to 1, under the recall curve of the relative poses up to an angle [deg]."""
         return auc(self.relative_errors_deg, threshold_deg)
@@ -127,6 +139,7 @@ class ModelEvaluation:
                 )
             },
             "note": self.note or None,
+            "warning": self.warning or None,
         }
 
     def _plain_alignment(self) -> dict[str, Any]:

@@ -68,12 +68,15 @@ _UNSUPPORTED_NAMES = {
     16: "EUCM",
     17: "EQUIRECTANGULAR",
 }
+_UNDISTORTED = set(_UNSUPPORTED_NAMES.values()) - {"EQUIRECTANGULAR"}
 
 
 def unsupported(model: str | int, supported: Iterable[str] = READ_MODELS) -> str:
-    """Reason for refusing a camera model given by name or number."""
+    """Reason for refusing a camera model given by name or number, and what helps in files of models."""
     name = (NAME_OF_NUMBER | _UNSUPPORTED_NAMES).get(model, str(model)) if isinstance(model, int) else model
-    return f"camera model {name} is not supported: must be one of {', '.join(supported)}"
+    helps = supported is READ_MODELS and name in _UNDISTORTED
+    remedy = "; COLMAP's image_undistorter makes a PINHOLE model of it" if helps else ""
+    return f"camera model {name} is not supported: must be one of {', '.join(supported)}{remedy}"
 
 
 def models_of(problem: Problem) -> Mapping[str, ColmapModel]:

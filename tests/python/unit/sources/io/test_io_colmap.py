@@ -345,7 +345,9 @@ def test_an_unsupported_binary_camera_model_is_named(tmp_path: Path, number: int
     path = tmp_path / "new" / "cameras.bin"
     data = path.read_bytes()
     path.write_bytes(data[:12] + bytes([number]) + data[13:])
-    assert f"camera model {model} is not supported" in str(refusal(tmp_path / "new"))
+    reason = str(refusal(tmp_path / "new"))
+    assert f"camera model {model} is not supported" in reason
+    assert ("image_undistorter" in reason) == (model != "EQUIRECTANGULAR")
 
 
 @pytest.mark.parametrize("format", FORMATS)

@@ -55,6 +55,17 @@ def test_displacements_without_alignment_are_the_errors() -> None:
     json.dumps(content, allow_nan=False)
 
 
+def test_a_truth_that_is_of_another_scene_or_with_other_axes_is_doubted() -> None:
+    truth = named(true_poses())
+    poses = truth.poses.copy()
+    poses[:4, :, 1:3] *= -1  # OpenGL's axes, of less than half
+    assert evaluate_model(named(poses), truth).warning == ""
+    poses[4:, :, 1:3] *= -1
+    found = evaluate_model(named(poses), truth)
+    assert "half of the images are turned by more than 90°: are both of the same scene" in found.warning
+    assert found.to_dict()["warning"] == found.warning
+
+
 def test_errors_are_in_the_truths_unit() -> None:
     truth = named(true_poses())
     poses = truth.poses.copy()
