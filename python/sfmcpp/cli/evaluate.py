@@ -249,7 +249,9 @@ def _evaluated_model(
     try:
         return evaluate_model(ours, true, images=images_of_model_path(model), **wanted)
     except InvalidArgument as error:
-        raise DatasetError(model, f"compared with {truth}: {error}") from error
+        path = model / "trajectory.txt"
+        hint = f"; did you mean {path}?" if path.is_file() else ""
+        raise DatasetError(model, f"compared with {truth}: {error}{hint}") from error
 
 
 def _model_rows(

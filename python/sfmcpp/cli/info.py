@@ -61,6 +61,7 @@ def facts_of(source: Path) -> list[Fact]:
             return list(_euroc(source))
         if any(map(is_picture, source.iterdir())):
             return [*_images(source), *_photos(source)]
+        return _folder(source)
     if is_video(source):
         return list(_images(source))
     if source.suffix.lower() == ".mat":
@@ -72,6 +73,19 @@ def facts_of(source: Path) -> list[Fact]:
         readers = (_problem, _tracks, _trajectory, _sensors, _positions, _image_tracks)
         return _first_that_fits(source, readers)
     return _first_that_fits(source, (_problem, _image_tracks))
+
+
+def _folder(source: Path) -> list[Fact]:
+    """A model; where there is none the reason says what else a folder may be."""
+    from sfmcpp.sources.vision.images import where_images_are
+
+    try:
+        return list(_problem(source))
+    except DatasetError as error:
+        if error.path != str(source):
+            raise
+        reason = f"{error.reason}; nor does it hold images: {where_images_are(source)}"
+        raise DatasetError(source, reason) from None
 
 
 def _first_that_fits(source: Path, readers: Sequence[Callable[[Path], Iterator[Fact]]]) -> list[Fact]:

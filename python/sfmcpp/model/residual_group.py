@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
@@ -301,7 +302,8 @@ Group: TypeAlias = ConstraintGroup | ResidualGroup
 def checked_groups(groups: Iterable[object]) -> list[Group]:
     """All groups of a solve, each valid now; InvalidArgument if one is not, or is no group."""
     if not isinstance(groups, Iterable):
-        raise InvalidArgument(f"constraints = {groups!r}: must be a sequence of ConstraintGroup")
+        found = reprlib.repr(groups)  # a group holds all its cameras
+        raise InvalidArgument(f"constraints = {found}: must be a sequence of groups, such as [group]")
     checked: list[Group] = []
     for number, group in enumerate(groups):
         if not isinstance(group, ConstraintGroup | ResidualGroup):

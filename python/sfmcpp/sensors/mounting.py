@@ -103,8 +103,10 @@ def find_misalignment(steps: FloatArray, directions: FloatArray) -> FloatArray |
     moves = lengths > 0
     if np.count_nonzero(moves) < _FEWEST_STEPS:
         return None
-    turns = np.cross(steps[moves] / lengths[moves, None], directions[moves])
+    ways = steps[moves] / lengths[moves, None]
+    turns = np.cross(ways, directions[moves])  # as long as the sines of their angles
     turn = np.median(turns, axis=0)
     scatter = float(np.median(np.linalg.norm(turns - turn, axis=1)))
     least = max(_LEAST_RAD, _SIGMAS * _MEDIAN_ERROR * scatter / np.sqrt(len(turns)))
-    return so3.exp(turn) if np.linalg.norm(turn) > least else None
+    sine, cosine = np.linalg.norm(turn), np.median(np.sum(ways * directions[moves], axis=1))
+    return so3.exp(turn * (np.arctan2(sine, cosine) / sine)) if sine > least else None

@@ -100,7 +100,7 @@ class SlamSettings:
             require_positive(name, getattr(self, name))
         check_fields(self, "weights")
         if self.weights != "none":
-            selection_method(self.weights)
+            selection_method(self.weights, argument="weights")
         require_one_of("weight_bounds", self.weight_bounds, WEIGHT_BOUNDS)
         require_one_of("final_adjustment", self.final_adjustment, FINAL_ADJUSTMENTS)
 

@@ -189,7 +189,7 @@ def read_times(path: Path, require_fit: Callable[[int], None]) -> FloatArray:
     later = np.diff(values, prepend=-np.inf) > 0
     if not later.all():
         worst = int(np.argmin(later))
-        raise text.error(f"time {values[worst]:.9g} s: must be later than the one before", worst)
+        raise text.error(f"time {values[worst]:.15g} s: must be later than the one before", worst)
     return values
 
 

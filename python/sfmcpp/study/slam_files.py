@@ -63,10 +63,11 @@ def _steps(report: SlamReport) -> Iterator[Step]:
         yield VIEW, lambda path: save_scene_page(_scene(report, trajectory, problem), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
     if world is not None:
+        start_s = float(keyframes.t_s[0])  # as in the figure of the scale
         if any(record.weights for record in records):
-            yield WEIGHTS, lambda path: save_figure(plot_weights(records), path)
+            yield WEIGHTS, lambda path: save_figure(plot_weights(records, start_s=start_s), path)
         if has_curves(records):
-            yield TRADE_OFF, lambda path: save_figure(plot_trade_off(records), path)
+            yield TRADE_OFF, lambda path: save_figure(plot_trade_off(records, start_s=start_s), path)
         pairs = _true_keyframes(report, keyframes)
         if pairs is not None:
             yield SCALE, partial(_draw_scale, report, pairs)

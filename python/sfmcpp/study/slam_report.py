@@ -151,6 +151,8 @@ class SlamReport(ReportTable):
             yield ("warning", text + wrong) if run.sensors else ("times", text)
         yield "of these", f"{count['bridged']:,} from the previous frame only, {count['lost']:,} predicted"
         yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
+        if run.world is not None and not run.result.metric:
+            yield "scale", "arbitrary: metres come from an odometer, a GPS, an INS or --stereo"
         yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"
         if frames.seconds is not None:
             each = 1e3 * frames.seconds / max(run.frames, 1)

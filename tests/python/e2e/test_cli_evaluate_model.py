@@ -101,6 +101,10 @@ def test_what_cannot_be_compared_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "path.txt").write_text("0 0 0 0 0 0 0 1\n")
     assert "is taken for a trajectory, but the truth" in refused(tmp_path / "path.txt", "--truth", truth)
     assert "no such file" in refused(tmp_path / "nothing", "--truth", truth)
+    (model / "trajectory.txt").touch()
+    (tmp_path / "times.txt").write_text("".join(f"{1.5e9 + k} 0 0 {k} 0 0 0 1\n" for k in range(9)))
+    told = refused(model, "--truth", tmp_path / "times.txt")
+    assert f"; did you mean {model / 'trajectory.txt'}?" in told
     assert "no such file" in refused(model, "--truth", tmp_path / "nothing")
 
 

@@ -150,3 +150,11 @@ def test_what_cannot_be_read_is_told_in_one_line(
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert told in result.stderr
+
+
+def test_a_folder_of_folders_says_where_the_images_are(tmp_path: Path) -> None:
+    (tmp_path / "drive" / "left").mkdir(parents=True)
+    (tmp_path / "drive" / "left" / "0.png").touch()
+    result = run_here("info", tmp_path / "drive")
+    assert is_one_error_line(result)
+    assert f"nor does it hold images: did you mean {tmp_path / 'drive' / 'left'}?" in result.stderr

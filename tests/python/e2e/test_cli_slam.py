@@ -168,6 +168,7 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         ),
         (["drive.csv", *OUT, "--fps", "0"], "0.0: must be positive"),
         (["broken.csv", *OUT], "broken.csv:4: 'x' is not a finite number"),
+        (["s.csv", *OUT], "of a tracks file; sensors go into --sensor-file"),
         (["drive.csv", "-o", "broken.csv"], "broken.csv: is a file, a folder is wanted"),
         (["drive.csv", *OUT, "--sensor", "radar"], "'radar' is unknown; choose one of odometer, imu"),
         (["drive.csv", *OUT, "--sensor", "gps"], "sensor = 'gps': the input holds no position"),
@@ -175,8 +176,8 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["drive.csv", *OUT, "--sensor", "odometer"], "the input holds no distance or speed or velocity"),
         (["drive.csv", *OUT, "--sensor-file", "s.csv"], "no --sensor is named"),
         (["drive.csv", *OUT, "--sensor", "imu", "--sensor-file", "s.csv"], "s.csv: holds no angular_rate"),
-        (["drive.csv", *OUT, *ODOMETER, "--weights", "best"], "method = 'best': must be one of loo"),
-        (["drive.csv", *OUT, *ODOMETER, "--weights", "fixed:-1"], "method = 'fixed:-1'"),
+        (["drive.csv", *OUT, *ODOMETER, "--weights", "best"], "weights = 'best': must be one of loo"),
+        (["drive.csv", *OUT, *ODOMETER, "--weights", "fixed:-1"], "weights = 'fixed:-1'"),
         (["drive.csv", *OUT, *ODOMETER, "--sensor-sigma", "odometer"], "'odometer': must be NAME=SIGMA"),
         (
             ["drive.csv", *OUT, *ODOMETER, "--sensor-sigma", "odometer=-1"],

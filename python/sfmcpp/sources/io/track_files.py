@@ -141,7 +141,8 @@ def _lines(tracks: CameraTracks) -> Iterator[bytes]:
 def _intrinsics(path: Path, data: bytes) -> FloatArray:
     found = _INTRINSICS.search(data)
     if found is None:
-        reason = "lacks the line '# intrinsics: f=… aspect=… cx=… cy=… skew=…' of a tracks file"
+        wanted = "'# intrinsics: f=… aspect=… cx=… cy=… skew=…'"
+        reason = f"lacks the line {wanted} of a tracks file; sensors go into --sensor-file"
         raise DatasetError(path, reason, 1)
     line = _line_of_byte(data, found.start())
     if _INTRINSICS.search(data, found.end()) is not None:

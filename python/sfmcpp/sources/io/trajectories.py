@@ -184,7 +184,7 @@ def _require_columns(text: NumberText, table: FloatArray, good: bool, wanted: st
 def _require_rows(text: NumberText, good: BoolArray, rule: str, values: FloatArray) -> None:
     if not good.all():
         row = int(np.argmin(good))
-        raise text.error(rule.format(f"{values[row]:.9g}"), int(text.lines.first[row]))
+        raise text.error(rule.format(f"{values[row]:.15g}"), int(text.lines.first[row]))
 
 
 def _tum_rows(trajectory: Trajectory) -> Iterator[bytes]:

@@ -107,7 +107,8 @@ class Alignment:
             return ""
         return (
             f"the {self.count} positions aligned run straight to within {100 * self.thinness:.2g} % of their "
-            f"length: the rotation about their line is hardly determined; align by poses{self._hint_all}"
+            "length: the rotation about their line is hardly determined; align by poses (--align-by poses)"
+            f"{self._hint_all}"
         )
 
     @property

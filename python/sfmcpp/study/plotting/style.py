@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from os import PathLike
 from pathlib import Path
 
@@ -24,9 +25,18 @@ _UNDATED: dict[str, dict[str, None]] = {"png": {}, "svg": {"Date": None}, "pdf":
 FIGURE_SUFFIXES = tuple(f".{name}" for name in _UNDATED)
 
 
+class _ShownFigure(Figure):
+    """A figure that a notebook shows without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        stream = BytesIO()
+        self.savefig(stream, format="png")
+        return stream.getvalue()
+
+
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Make an empty figure with an Agg canvas, outside pyplot's global state."""
-    figure = Figure(figsize=(width_in, height_in), dpi=150, layout="constrained")
+    figure = _ShownFigure(figsize=(width_in, height_in), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

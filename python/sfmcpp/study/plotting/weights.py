@@ -26,13 +26,16 @@ _SMALLEST_ERROR = 1e-12
 Chosen = tuple[float, WeightSelection]
 
 
-def plot_weights(records: list[KeyframeRecord]) -> Figure:
+def plot_weights(records: list[KeyframeRecord], *, start_s: float | None = None) -> Figure:
     """Plot the weight of each sensor's constraint, and its disagreement with the images, over time.
 
     Parameters
     ----------
     records : list of KeyframeRecord
         Of a run with sensors. Weights of zero, which have no place on a logarithmic scale, are crosses below.
+    start_s : float, optional
+        Time that is zero in the figure, such as that of the first keyframe, which has no record; default:
+        that of the first record.
 
     Returns
     -------
@@ -41,7 +44,7 @@ def plot_weights(records: list[KeyframeRecord]) -> Figure:
     """
     figure = new_figure(10, 5)
     weights, conflicts = figure.subplots(2, 1, sharex=True)
-    start = records[0].t_s if records else 0.0
+    start = _start_s(records, start_s)
     names = sorted({name for record in records for name in record.weights})
     for name, color in zip(names, COLORS, strict=False):
         _draw_weights(weights, name, color, _weight_series(records, "weights", name, start))
@@ -61,6 +64,11 @@ def plot_weights(records: list[KeyframeRecord]) -> Figure:
     if names:
         weights.legend(fontsize=9, frameon=False)
     return figure
+
+
+def _start_s(records: Sequence[KeyframeRecord], given: float | None) -> float:
+    first = records[0].t_s if records else 0.0
+    return first if given is None else given
 
 
 def _weight_series(
@@ -93,7 +101,7 @@ def has_curves(records: Sequence[KeyframeRecord]) -> bool:
     return any(True for record in records for _ in _trade_off_curves(record))
 
 
-def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
+def plot_trade_off(records: Sequence[KeyframeRecord], *, start_s: float | None = None) -> Figure:
     """Plot the curves of some keyframes of each sensor, a row each.
 
     Left, what the images lose against what the constraint gains as its weight grows; right, what the
@@ -104,13 +112,15 @@ def plot_trade_off(records: Sequence[KeyframeRecord]) -> Figure:
     ----------
     records : sequence of KeyframeRecord
         Of a run with sensors.
+    start_s : float, optional
+        Time that is zero in the legend; see :func:`plot_weights`.
 
     Returns
     -------
     matplotlib.figure.Figure
         Not shown, not registered with pyplot.
     """
-    start = records[0].t_s if records else 0.0
+    start = _start_s(records, start_s)
     names = sorted({selection.name for record in records for selection in _trade_off_curves(record)})
     figure = new_figure(10, 4 * max(len(names), 1))
     panels = figure.subplots(max(len(names), 1), 2, squeeze=False)

@@ -71,6 +71,7 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: solved(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: solved(points=None), "points: must be a C-contiguous array"),
         (lambda: sfmcpp.solve(scene(), constraints=1), "constraints = 1: must be a sequence"),  # type: ignore[arg-type]
+        (lambda: sfmcpp.solve(scene(), constraints=group()), r"^constraints = .{1,60}: .*\[group\]$"),  # type: ignore[arg-type]
         (lambda: sfmcpp.solve(scene(), callback=3), "callback = 3: must be callable"),  # type: ignore[arg-type]
         (lambda: sfmcpp.check_jacobians(scene(), math.nan), "max_observations = nan: must be a whole number"),  # type: ignore[arg-type]
         (lambda: sfmcpp.linearize(scene()).covariance(cameras=[0.5]), "cameras: float64"),

@@ -80,6 +80,14 @@ def test_a_camera_turned_from_its_mounting_is_found(turned_deg: float, count: in
     np.testing.assert_allclose(turned, [0.0, turned_deg, 0.0], atol=1.2)
 
 
+@pytest.mark.parametrize("turned_deg", [30.0, 90.0, -90.0, 120.0])
+def test_wrong_axes_are_found_with_their_whole_angle(turned_deg: float) -> None:
+    found = find_misalignment(*steps_and_directions(turned_deg, 60))
+    assert found is not None
+    turned = Rotation.from_matrix(found).as_rotvec(degrees=True)
+    np.testing.assert_allclose(turned, [0.0, turned_deg, 0.0], atol=4.0)
+
+
 @pytest.mark.parametrize(("turned_deg", "count"), [(0.0, 30), (1.5, 30), (5.0, 5), (5.0, 0)])
 def test_little_and_few_steps_are_no_misalignment(turned_deg: float, count: int) -> None:
     assert find_misalignment(*steps_and_directions(turned_deg, count)) is None

@@ -80,6 +80,15 @@ def test_the_report_is_plain_and_holds_no_curves() -> None:
     }
 
 
+def test_a_map_without_metres_says_so() -> None:
+    of = measured()
+    assert "arbitrary" not in of.table()  # there is no map
+    of.run.result.path.world = WorldMap(np.array([500, 1, 320, 240, 0.0]))
+    assert "scale           arbitrary: metres come from an odometer" in of.table()
+    of.run.result.metric = True
+    assert "arbitrary" not in of.table()
+
+
 def test_a_map_in_metres_is_measured_with_its_own_scale_too() -> None:
     """Twice the truth: without an error where the scale is fitted, and far from it where it is not."""
     of = measured()

@@ -13,6 +13,10 @@ from sfmcpp.study.plotting.style import new_figure
 FIRST_BYTES = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<?xml", ".pdf": b"%PDF-"}
 
 
+def test_a_notebook_shows_a_figure_without_pyplot() -> None:
+    assert new_figure(2, 1)._repr_png_().startswith(b"\x89PNG")  # type: ignore[attr-defined]
+
+
 @pytest.mark.parametrize("suffix", FIGURE_SUFFIXES)
 def test_the_suffix_decides_the_format(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"figure{suffix.upper()}"

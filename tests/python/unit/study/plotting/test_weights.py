@@ -36,6 +36,11 @@ def test_each_sensor_has_a_curve_over_the_seconds_since_the_first_keyframe() -> 
     assert weights.get_yscale() == "log"
 
 
+def test_seconds_count_from_the_first_keyframe_also_where_it_has_no_record() -> None:
+    weights = plot_weights(RECORDS, start_s=9.0).axes[0]
+    assert points_of(weights, ".") == [[[1.5, 0.1], [3.0, 0.2]], [[1.5, 2.0], [3.0, 4.0]]]
+
+
 def test_weights_of_zero_are_crosses_at_the_bottom() -> None:
     weights = plot_weights(RECORDS).axes[0]
     assert points_of(weights, "x") == [[], [[1.5, 0.02]]]
