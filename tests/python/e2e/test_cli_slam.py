@@ -128,6 +128,13 @@ def test_the_window_and_the_seed_reach_the_report(tmp_path: Path) -> None:
     assert (settings["window"], settings["seed"]) == (5, 7)
 
 
+def test_a_file_of_sensors_in_place_of_tracks_is_told_where_it_goes(tmp_path: Path) -> None:
+    (tmp_path / "s.csv").write_text("t [s],speed [m/s]\n100,5\n101,5\n")
+    result = run("slam", tmp_path / "s.csv", "-o", tmp_path / "out")
+    assert is_one_error_line(result)
+    assert "of a tracks file; sensors go into --sensor-file" in result.stderr
+
+
 def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> None:
     scene = corridor(20)
     first = scene.camera_index == 0
@@ -168,7 +175,6 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         ),
         (["drive.csv", *OUT, "--fps", "0"], "0.0: must be positive"),
         (["broken.csv", *OUT], "broken.csv:4: 'x' is not a finite number"),
-        (["s.csv", *OUT], "of a tracks file; sensors go into --sensor-file"),
         (["drive.csv", "-o", "broken.csv"], "broken.csv: is a file, a folder is wanted"),
         (["drive.csv", *OUT, "--sensor", "radar"], "'radar' is unknown; choose one of odometer, imu"),
         (["drive.csv", *OUT, "--sensor", "gps"], "sensor = 'gps': the input holds no position"),
