@@ -13,7 +13,6 @@ projection, then ``x y z u v image name`` for each mark, in that order; latitude
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 from os import PathLike
@@ -25,7 +24,10 @@ from sfmcpp.sources.io.position_columns import (
     PositionColumns,
     Triple,
     index_of_first,
+    names_projection,
     normalised_header,
+    position_of_list,
+    projection_is_degrees,
     table_of,
 )
 
@@ -37,8 +39,6 @@ _U = ("u", "px", "col", "pixel x", "image x", "im x", "x px")
 _V = ("v", "py", "row", "pixel y", "image y", "im y", "y px")
 _CHECK = ("check", "checkpoint", "check point", "is check")
 _YES, _NO = {"1", "yes", "true", "check", "x"}, {"0", "no", "false", "control", ""}
-_PROJECTION = re.compile(r"(epsg:\s*\d+|wgs\s*84.*|\+proj=.*)", re.IGNORECASE)
-_DEGREES = re.compile(r"epsg:\s*4326|wgs\s*84|.*\+proj=(longlat|latlong).*", re.IGNORECASE)
 # Of a mark of OpenDroneMap: x y z u v image, and the name of the point, without which its place names it.
 _CELLS = 6
 
@@ -112,8 +112,7 @@ def read_control_points(path: str | PathLike[str]) -> ControlPoints:
     first = next(iter(numbered_lines(source)), None)
     if first is None:
         raise DatasetError(source, "is empty")
-    is_list = _PROJECTION.fullmatch(first[1].strip()) is not None
-    lines = _lines_of_list(source) if is_list else _lines_of_table(source)
+    lines = _lines_of_list(source) if names_projection(first[1]) else _lines_of_table(source)
     return _points_of(source, list(lines))
 
 
@@ -201,14 +200,10 @@ def _is_check(source: Path, line: int, cell: str) -> bool:
     return cell.lower() in _YES
 
 
-def _is_in_degrees(projection: str) -> bool:
-    return _DEGREES.fullmatch(projection.strip()) is not None
-
-
 def _lines_of_list(source: Path) -> Iterator[_Line]:
     """Marks of a gcp_list.txt; points without names are told apart by their positions."""
     (_, projection), *rows = numbered_lines(source)
-    geodetic = _is_in_degrees(projection)
+    geodetic = projection_is_degrees(projection)
     for number, line in rows:
         cells = line.split()
         if line.lstrip().startswith("#"):
@@ -220,11 +215,7 @@ def _lines_of_list(source: Path) -> Iterator[_Line]:
 
 
 def _mark_of_list(source: Path, number: int, cells: Sequence[str], *, geodetic: bool) -> _Line:
-    x, y, z, u, v = (
-        finite_number(source, number, name, cell) for name, cell in zip("xyzuv", cells, strict=False)
-    )
-    if geodetic and not (abs(x) <= 180 and abs(y) <= 90):
-        raise DatasetError(source, f"longitude {x:g}°, latitude {y:g}°: out of range, or swapped", number)
+    position = position_of_list(source, number, cells, geodetic=geodetic)
+    u, v = (finite_number(source, number, name, cell) for name, cell in zip("uv", cells[3:], strict=False))
     name = cells[_CELLS] if len(cells) > _CELLS else f"({cells[0]}, {cells[1]}, {cells[2]})"
-    position = (y, x, z) if geodetic else (x, y, z)
     return _Line(number, name, position, cells[_CELLS - 1], (u, v), geodetic)

@@ -49,7 +49,33 @@ _ANGLES = {"yaw", "pitch", "roll", "heading", "omega", "phi", "kappa"}
 _AXIS_TWICE = re.compile(r"[xyz]/(?=\w{3})")
 # So many numbers are a line of a table, no header.
 _NUMBERS = 3
+_PROJECTION = re.compile(r"(epsg:\s*\d+|wgs\s*84.*|\+proj=.*)", re.IGNORECASE)
+_DEGREES = re.compile(r"epsg:\s*4326|wgs\s*84|.*\+proj=(longlat|latlong).*", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
+
+
+def names_projection(line: str) -> bool:
+    """Whether a line is the first of a list of OpenDroneMap: it names the projection of all others."""
+    return _PROJECTION.fullmatch(line.strip()) is not None
+
+
+def projection_is_degrees(line: str) -> bool:
+    """Whether such a projection is longitude and latitude; any other is taken as metres."""
+    return _DEGREES.fullmatch(line.strip()) is not None
+
+
+def position_of_list(source: Path, line: int, cells: Sequence[str], *, geodetic: bool) -> Triple:
+    """Read x y z in the first cells of a line of such a list; longitude comes first there, not here.
+
+    Raises
+    ------
+    DatasetError
+        If one is no finite number, or out of its range.
+    """
+    x, y, z = (finite_number(source, line, name, cell) for name, cell in zip("xyz", cells, strict=False))
+    if geodetic and not (abs(x) <= 180 and abs(y) <= 90):
+        raise DatasetError(source, f"longitude {x:g}°, latitude {y:g}°: out of range, or swapped", line)
+    return (y, x, z) if geodetic else (x, y, z)
 
 
 def table_of(source: Path) -> tuple[Row, list[Row]]:

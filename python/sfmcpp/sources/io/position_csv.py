@@ -10,6 +10,9 @@ they are degrees and metres. Standard deviations along the axes are in ``sigma_x
 ``sigma_e,sigma_n,sigma_u``, or ``sigma_horizontal,sigma_vertical``. Other common names are known too.
 Tabs and semicolons separate as well, and then decimals may have commas. Lines that begin with ``#`` are
 comments, but for a header: the last of them before the first other line.
+
+The ``geo.txt`` of OpenDroneMap is read, too: the name of the projection, then for each image ``name x y z``,
+three angles and two accuracies if known; latitudes and longitudes are ``EPSG:4326``, longitude first.
 """
 
 from __future__ import annotations
@@ -19,8 +22,19 @@ from os import PathLike
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.csv_text import with_decimal_points
-from sfmcpp.sources.io.position_columns import PositionColumns, Triple, spreads_by_look, table_of
+from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, with_decimal_points
+from sfmcpp.sources.io.position_columns import (
+    PositionColumns,
+    Triple,
+    names_projection,
+    position_of_list,
+    projection_is_degrees,
+    spreads_by_look,
+    table_of,
+)
+
+# Of a line of a geo.txt, without its name: x y z, three angles, two accuracies.
+_LIST_CELLS = (3, 6, 8)
 
 
 @dataclass(frozen=True)
@@ -72,6 +86,9 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
         its range, a standard deviation is not positive, or a name stands there twice.
     """
     source = Path(path)
+    first = next(iter(numbered_lines(source)), None)
+    if first is not None and names_projection(first[1]):
+        return _positions_of_list(source)
     headers, rows = table_of(source)
     try:
         columns = PositionColumns.of(headers[1], numbered=numbered)
@@ -93,6 +110,33 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
         raise DatasetError(source, "holds no position below its header")
     by_number, unread = columns.name is None, () if columns.sigmas else spreads_by_look(headers[1])
     return NamedPositions(found, columns.geodetic, sigmas if columns.sigmas else None, by_number, unread)
+
+
+def _positions_of_list(source: Path) -> NamedPositions:
+    """Read a geo.txt of OpenDroneMap: name x y z, with angles, and accuracies in plane and height behind."""
+    (_, projection), *rows = numbered_lines(source)
+    geodetic = projection_is_degrees(projection)
+    found: dict[str, Triple] = {}
+    sigmas: dict[str, Triple] = {}
+    for number, line in rows:
+        name, *cells = line.split()
+        if name in found:
+            raise DatasetError(source, f"{name!r} stands there twice", number)
+        if len(cells) not in _LIST_CELLS:
+            rule = "must be a name, x, y, z, and three angles and two accuracies if known"
+            raise DatasetError(source, f"the line holds {1 + len(cells)} words: {rule}", number)
+        found[name] = position_of_list(source, number, cells, geodetic=geodetic)
+        if len(cells) == max(_LIST_CELLS):
+            plane, height = (finite_number(source, number, "accuracy", cell) for cell in cells[-2:])
+            if not min(plane, height) > 0:
+                raise DatasetError(source, f"accuracy {min(plane, height):g}: must be positive", number)
+            sigmas[name] = (plane, plane, height)
+    if not found:
+        raise DatasetError(source, "holds no position below its projection")
+    if sigmas and len(sigmas) < len(found):
+        without = next(name for name in found if name not in sigmas)
+        raise DatasetError(source, f"{without!r} has no accuracies: must be in all lines, or in none")
+    return NamedPositions(found, geodetic, sigmas or None)
 
 
 def _name_of_line(columns: PositionColumns, count: int, cells: list[str]) -> str:

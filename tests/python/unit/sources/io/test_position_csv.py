@@ -210,3 +210,42 @@ def test_a_cell_that_is_too_long_is_told_with_its_line(tmp_path: Path) -> None:
     path.write_text("name,lat,lon,height\na.jpg,46.5,9.25,12.5\n" + "1" * 200_000)
     with pytest.raises(DatasetError, match=r"gps\.csv:3: field larger than field limit"):
         read_position_csv(path)
+
+
+GEO = """EPSG:4326
+a.jpg -91.99 46.84 198.5 10 20 30 0.5 1.5
+b.jpg -91.98 46.85 199 10 20 30 0.25 1
+"""
+
+
+def test_the_list_of_opendronemap_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "geo.txt"
+    path.write_text(GEO)
+    found = read_position_csv(path)
+    assert found.positions == {"a.jpg": (46.84, -91.99, 198.5), "b.jpg": (46.85, -91.98, 199.0)}
+    assert found.geodetic
+    assert found.sigmas == {"a.jpg": (0.5, 0.5, 1.5), "b.jpg": (0.25, 0.25, 1.0)}
+    path.write_text("EPSG:32615\na.jpg 500 600 20\n")
+    metric = read_position_csv(path)
+    assert metric.positions == {"a.jpg": (500.0, 600.0, 20.0)}
+    assert not metric.geodetic
+    assert metric.sigmas is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("EPSG:4326\n", "holds no position below its projection"),
+        ("EPSG:4326\na.jpg 1 2\n", r":2: the line holds 3 words: must be a name, x, y, z"),
+        ("EPSG:4326\na.jpg 46.84 -91.99 198\n", r":2: longitude 46.84°, latitude -91.99°: out of range"),
+        (GEO.replace("b.jpg", "a.jpg"), r":3: 'a.jpg' stands there twice"),
+        (GEO.replace("0.25 1", "0 1"), r":3: accuracy 0: must be positive"),
+        (GEO.replace(" 10 20 30 0.25 1", ""), r"'b.jpg' has no accuracies: must be in all lines, or in none"),
+        (GEO.replace("199", "high"), r":3: z is 'high': must be a finite number"),
+    ],
+)
+def test_what_is_wrong_in_a_list_is_named_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "geo.txt"
+    path.write_text(text)
+    with pytest.raises(DatasetError, match=message):
+        read_position_csv(path)
