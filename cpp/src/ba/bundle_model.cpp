@@ -14,6 +14,9 @@ namespace {
 using linear::Chunk;
 using optim::State;
 
+// Kernels write where the normal equations are stored.
+static_assert(linear::kMaxCameraSize <= residuals::kMaxCameraColumns);
+
 double squared_residual(const linear::PointRecord& record) {
   const double ru = record.row[0].residual, rv = record.row[1].residual;
   return ru * ru + rv * rv;

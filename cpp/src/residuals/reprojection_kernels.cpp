@@ -31,7 +31,8 @@ template <class Camera>
 int linearize(const ObservationBatch& batch, const JacobianOutput& out) {
   constexpr int kCamera = Camera::kTangent;
   const int size = out.camera_size;
-  Transposer<2 * (kCamera + Camera::kIntrinsics + 6)> camera;  // + 6: room for padding columns
+  static_assert(kCamera + Camera::kIntrinsics <= kMaxCameraColumns);
+  Transposer<2 * kMaxCameraColumns> camera;
   Transposer<8> point;
   for (int c = 0; c < 2 * size; ++c) camera.set(c, Real(0.0));
   int behind = 0;

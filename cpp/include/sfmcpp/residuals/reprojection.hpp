@@ -23,11 +23,15 @@ struct ObservationBatch {
   int count;
 };
 
+// Columns of a camera block at most: those of pose and intrinsics, of the sensor of a rig, and
+// padding.
+inline constexpr int kMaxCameraColumns = 18;
+
 // Where the Jacobian of a batch goes.
 struct JacobianOutput {
   const int* free_intrinsics;  // which intrinsic parameters have a column, after those of the pose
   int num_free_intrinsics;
-  int camera_size;  // columns of a camera block, padding with zeros included
+  int camera_size;  // columns of a camera block; those that are not written here are zero
   double* camera;   // count × 2 × camera_size: ∂(projection)/∂camera / σ
   double* point;  // count × 2 × 4: ∂(projection)/∂point / σ, and the residual in the last column
 };
