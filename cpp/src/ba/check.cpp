@@ -49,7 +49,8 @@ void check_size_if_given(
 void check_count(const char* array, std::size_t size, std::size_t width) {
   constexpr std::size_t kLargestInt = std::numeric_limits<int>::max();
   if (size / width > kLargestInt)
-    refuse_size(array, size, "at most " + std::to_string(width) + " · " + std::to_string(kLargestInt));
+    refuse_size(
+        array, size, "at most " + std::to_string(width) + " · " + std::to_string(kLargestInt));
 }
 
 // Of arrays that say how many owners there are.
