@@ -14,6 +14,10 @@ namespace {
 using linear::Chunk;
 using optim::State;
 
+// Kernels write where the normal equations are stored.
+static_assert(linear::kMaxCameraSize <= residuals::kMaxCameraColumns);
+static_assert(sizeof(linear::PointRecord) == residuals::kRecordSize * sizeof(double));
+
 double squared_residual(const linear::PointRecord& record) {
   const double ru = record.row[0].residual, rv = record.row[1].residual;
   return ru * ru + rv * rv;
@@ -248,11 +252,11 @@ double BundleModel::size(const State& state) const {
   if (!is_metric(problem_.camera_model) || state.cameras.empty())
     return LeastSquaresModel::size(state);
   constexpr long kPart = 4096;
-  const Eigen::Map<const PoseMatrix> first(state.cameras.data());
+  const PoseMatrixView first(state.cameras.data());
   const Eigen::Vector3d origin = first.col(3);
   double cameras = 0.0;
   for (int i = 0; i < graph_.num_cameras; ++i) {
-    const Eigen::Map<const PoseMatrix> pose(state.cameras.data() + problem_.camera_offset(i));
+    const PoseMatrixView pose(state.cameras.data() + problem_.camera_offset(i));
     cameras += pose.leftCols<3>().squaredNorm() + (pose.col(3) - origin).squaredNorm();
   }
   const CompensatedSum points =

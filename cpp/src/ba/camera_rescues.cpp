@@ -1,7 +1,6 @@
 #include "sfmcpp/ba/camera_rescues.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include <Eigen/Dense>
@@ -20,7 +19,6 @@ constexpr double kWidest = 32.0, kFall = 0.7;
 constexpr int kStepsOfScale = 5, kStepsOfLastScale = 20;
 // Inliers that a camera must have beyond those that determine its unknowns, which fit anything.
 constexpr int kCameraSupport = 3;
-constexpr int kViewRecord = 8, kResidual = 3;  // of a view; see residuals::JacobianOutput
 
 constexpr int kMost = linear::kMaxCameraSize;
 using Block = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor, kMost, kMost>;
@@ -141,7 +139,7 @@ class CameraFits {
   void add(const Loss& loss, const State& state, const Chunk& chunk, Sums& sums) const {
     const int count = chunk.end - chunk.begin, size = map_.camera_size;
     std::vector<double> jacobian(2 * static_cast<std::size_t>(size) * count);
-    std::vector<double> records(static_cast<std::size_t>(kViewRecord) * count);
+    std::vector<double> records(static_cast<std::size_t>(residuals::kRecordSize) * count);
     images_.linearize(state,
                       chunk,
                       {.free_intrinsics = free_intrinsics_.data(),
@@ -150,8 +148,9 @@ class CameraFits {
                        .camera = jacobian.data(),
                        .point = records.data()});
     for (long k = 0; k < count; ++k) {
-      const double* record = records.data() + kViewRecord * k;
-      const Eigen::Vector2d residual(record[kResidual], record[kViewRecord / 2 + kResidual]);
+      const double* record = records.data() + residuals::kRecordSize * k;
+      const Eigen::Vector2d residual(record[residuals::kResidualOfU],
+                                     record[residuals::kResidualOfV]);
       const Eigen::Map<const Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>> rows(
           jacobian.data() + 2 * size * k, 2, size);
       const double squared = residual.squaredNorm(), weight = loss.derivative(squared);
@@ -227,7 +226,7 @@ long CameraRescues::rescue(const State& start, State& state) const {
   const double gain = kLeastRescueGain * last.rho(std::numeric_limits<double>::max());
   CameraFits fits(images_, map_, free_intrinsics_);
   std::vector<double> costs = fits.linearize(last, state);
-  std::vector<char> rescued(costs.size());
+  std::vector<char> rescued(static_cast<std::size_t>(images_.graph().num_cameras));
   const State here = state;
   for (const State* from : {&here, &start}) {
     State moved = here;

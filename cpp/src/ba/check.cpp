@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <limits>
 
 #include <Eigen/LU>
 
@@ -44,8 +45,17 @@ void check_size_if_given(
   if (size != 0) check_size(array, size, width, count, owners);
 }
 
+// Cameras, points and observations are numbered by int.
+void check_count(const char* array, std::size_t size, std::size_t width) {
+  constexpr std::size_t kLargestInt = std::numeric_limits<int>::max();
+  if (size / width > kLargestInt)
+    refuse_size(
+        array, size, "at most " + std::to_string(width) + " · " + std::to_string(kLargestInt));
+}
+
 // Of arrays that say how many owners there are.
 void check_multiple(const char* array, std::size_t size, std::size_t width, const char* owner) {
+  check_count(array, size, width);
   if (size % width == 0) return;
   refuse_size(
       array, size, "a multiple of " + std::to_string(width) + ", as a " + owner + " has so many");
@@ -159,6 +169,7 @@ void check_sizes(const Problem& problem) {
   const auto points = static_cast<std::size_t>(problem.num_points());
   const auto rows = static_cast<std::size_t>(problem.num_groups());
   const std::size_t observations = problem.camera_index.size();
+  check_count("camera_index", observations, 1);
   const char* const of_observations = "observations in camera_index";
   check_size("intrinsics_index", problem.intrinsics_index.size(), 1, cameras, "cameras");
   check_size("point_index", problem.point_index.size(), 1, observations, of_observations);

@@ -71,14 +71,15 @@ class SingleObservation {
     std::array<int, 12> all;
     for (int k = 0; k < 12; ++k) all[k] = k;
     std::array<double, 2 * kMaxCameraSize> camera;
-    std::array<double, 8> point;
+    std::array<double, residuals::kRecordSize> point;
     linearize(batch(camera_, intrinsics_, point_),
               {all.data(), num_free_, camera_columns(), camera.data(), point.data()});
     Eigen::MatrixXd jacobian(2, size());
     for (int row = 0; row < 2; ++row) {
       for (int k = 0; k < tangent_ + num_free_; ++k)
         jacobian(row, k) = camera[row * camera_columns() + k];
-      for (int k = 0; k < 3; ++k) jacobian(row, tangent_ + num_free_ + k) = point[4 * row + k];
+      for (int k = 0; k < 3; ++k)
+        jacobian(row, tangent_ + num_free_ + k) = point[residuals::kRecordRow * row + k];
     }
     return jacobian;
   }

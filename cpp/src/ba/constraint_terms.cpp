@@ -1,6 +1,5 @@
 #include "sfmcpp/ba/constraint_terms.hpp"
 
-#include <algorithm>
 #include <array>
 #include <optional>
 #include <utility>

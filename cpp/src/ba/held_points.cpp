@@ -99,13 +99,12 @@ void HeldPoints::suspect(const State& start,
 // To half the step, a quarter, … or none of it: the first length at which the point costs no more
 // than at the start, else the best. Short lengths that cost least have kept points in local minima.
 bool HeldPoints::draw_back(const State& start, int p, State& candidate) const {
-  constexpr int kLargestStorage = 4;
   const int size = images_.problem().point_storage();
   const double* from = start.points.data() + images_.problem().point_offset(p);
   double* to = candidate.points.data() + images_.problem().point_offset(p);
   const double enough = cost(start, p, from), whole = cost(candidate, p, to);
   double least = whole;
-  std::array<double, kLargestStorage> place, best;
+  std::array<double, kMaxPointStorage> place, best;
   std::copy_n(to, size, best.data());
   for (int halving = 1; least > enough && halving <= kHalvings + 1; ++halving) {
     const double length = halving > kHalvings ? 0.0 : std::ldexp(1.0, -halving);

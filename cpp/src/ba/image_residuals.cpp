@@ -200,10 +200,10 @@ void ImageResiduals::add_squares(int count,
                                  const double* records,
                                  residuals::SumOfSquares& squares) const {
   if (is_plain()) return cost_kernels_.add_squares(count, records, squares);
-  for (long k = 0; k < count; ++k) {
-    const double ru = records[8 * k + 3], rv = records[8 * k + 7];
-    add_compensated(squares.sums[0], squares.rests[0], ru * ru + rv * rv);
-  }
+  for (long k = 0; k < count; ++k)
+    add_compensated(squares.sums[0],
+                    squares.rests[0],
+                    residuals::squared_residual(records + residuals::kRecordSize * k));
 }
 
 ImageFit ImageResiduals::total(const std::vector<ChunkFit>& fits) const {

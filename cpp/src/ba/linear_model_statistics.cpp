@@ -41,10 +41,8 @@ void LinearModel::factorize() {
   if (!is_metric(problem_.camera_model)) {
     throw InvalidArgument(
         "camera_model = 'projective': its gauge of 15 degrees of freedom is left to damping, so "
-        "that "
-        "its normal equations have no inverse; covariances and what follows from them are for "
-        "metric "
-        "models");
+        "that its normal equations have no inverse; covariances and what follows from them are for "
+        "metric models");
   }
   Workspace& space = work_->space;
   auto kind = linear::choose_linear_solver({.graph = space.rows.graph(),

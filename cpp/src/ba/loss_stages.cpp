@@ -20,8 +20,6 @@ using optim::State;
 constexpr double kMostFall = 0.8;
 // Less is not worth another stage.
 constexpr double kLeastFall = 0.9;
-// Exact data has no spread to learn from; any positive scale then leaves every residual alone.
-constexpr double kLeastScale = 1e-9;
 constexpr double kMostScale = 1e150;  // whose square is a number
 
 // Observations that agree on a point, and the least share of all that are on such points.
@@ -142,7 +140,7 @@ bool all_within(Exchange& exchange, const std::vector<double>& norms, double sca
 }  // namespace
 
 FallingScale::FallingScale(const ImageResiduals& images, double least)
-    : images_(images), least_(std::max(least, kLeastScale)), area_(image_area(images)) {}
+    : images_(images), least_(std::max(least, kLeastLossScale)), area_(image_area(images)) {}
 
 double FallingScale::at(const State& state) const {
   const double found = radius_at(images_, area_, state, std::numeric_limits<double>::infinity());
@@ -168,8 +166,6 @@ double FallingScale::last(double scale, const State& state) const {
 }
 
 namespace {
-
-using optim::State;
 
 // A detour's scale, of the one it comes back to.
 constexpr double kWide = 2.0;

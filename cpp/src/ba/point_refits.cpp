@@ -15,7 +15,7 @@ namespace {
 
 using linear::PointBlock;
 using optim::State;
-using residuals::kReadAhead;
+using residuals::kReadAhead, residuals::kRecordSize, residuals::kRecordRow;
 
 // The second order of a point matters from this share of what a point costs in the mean on.
 constexpr double kLeastShareOfCost = 1e-4;
@@ -27,8 +27,6 @@ constexpr int kTrialPasses = 3;
 // Of the normal equations of a point; times the other for each step that has failed.
 constexpr double kDamping = 1e-4, kRaised = 100.0;
 constexpr int kRefitsPerTask = 64;
-constexpr int kRecord = 8;  // numbers; see residuals::JacobianOutput
-constexpr int kRow = kRecord / 2;
 
 // The normal equations of a point at a place, and Σ ρ there.
 struct Fit {
@@ -61,7 +59,7 @@ void add_row(const double* row, double weight, PointBlock& v) {
   v.v20 += a2 * row[0];
   v.v21 += a2 * row[1];
   v.v22 += a2 * row[2];
-  for (int k = 0; k < 3; ++k) v.rhs[k] += weight * row[k] * row[kRow - 1];
+  for (int k = 0; k < 3; ++k) v.rhs[k] += weight * row[k] * row[residuals::kResidualOfU];
 }
 
 // δ = (V + λD)⁻¹ b, and what it promises to lower Σ ρ by: bᵀδ, with little damping.
@@ -90,7 +88,7 @@ class Views {
     for (std::vector<int>* indices : {&camera_, &row_, &point_}) indices->resize(room);
     for (std::vector<double>* numbers : {&u_, &v_, &inverse_sigma_, &shear_, &stretch_})
       numbers->resize(room);
-    records_.resize(kRecord * static_cast<std::size_t>(count_));
+    records_.resize(kRecordSize * static_cast<std::size_t>(count_));
     gather(points);
   }
 
@@ -111,7 +109,7 @@ class Views {
                      records_.data());
     residuals::whiten(shapes_, count_, {nullptr, 0, 0, nullptr, records_.data()});
     fits.assign(num_points_, Fit{});
-    for (int k = 0; k < count_; ++k) add(records_.data() + long{kRecord} * k, fits[point_[k]]);
+    for (int k = 0; k < count_; ++k) add(records_.data() + long{kRecordSize} * k, fits[point_[k]]);
   }
 
   // Where the rays of point p are closest to each other; as it was in a projective world, whose
@@ -166,13 +164,12 @@ class Views {
   }
 
   void add(const double* record, Fit& fit) const {
-    const double ru = record[kRow - 1], rv = record[kRecord - 1];
-    const double squared = ru * ru + rv * rv;
+    const double squared = residuals::squared_residual(record);
     const bool robust = images_.is_robust();
     const double weight = robust ? images_.loss().derivative(squared) : 1.0;
     fit.cost += robust ? images_.loss().rho(squared) : squared;
     add_row(record, weight, fit.block);
-    add_row(record + kRow, weight, fit.block);
+    add_row(record + kRecordRow, weight, fit.block);
   }
 
   const ImageResiduals& images_;

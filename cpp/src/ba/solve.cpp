@@ -88,21 +88,23 @@ struct Unsound {
 
 Unsound unsound_observations(const Workspace& work, const optim::State& state) {
   const std::size_t width = work.map.camera_size;
-  AlignedVector<double> by_camera(2 * width * linear::kChunkSize), rows(8UL * linear::kChunkSize);
+  AlignedVector<double> by_camera(2 * width * linear::kChunkSize);
+  AlignedVector<double> records(std::size_t{residuals::kRecordSize} * linear::kChunkSize);
   const residuals::JacobianOutput out{
       .free_intrinsics = work.intrinsics.data(),
       .num_free_intrinsics = static_cast<int>(work.intrinsics.size()),
       .camera_size = work.map.camera_size,
       .camera = by_camera.data(),
-      .point = rows.data()};
+      .point = records.data()};
   Unsound found;
   work.model.images().prepare(state);
   for (const linear::Chunk& chunk : work.graph.chunks) {
     work.model.images().linearize(state, chunk, out);
     for (int k = 0; k < chunk.end - chunk.begin; ++k) {
-      const std::span<const double> row(rows.data() + 8L * k, 8);
-      const bool finite = are_finite(row) && are_finite({&by_camera[2 * width * k], 2 * width});
-      found.add(work.graph.source[chunk.begin + k], row[3] * row[3] + row[7] * row[7], finite);
+      const double* record = records.data() + long{residuals::kRecordSize} * k;
+      const bool finite = are_finite({record, residuals::kRecordSize}) &&
+                          are_finite({&by_camera[2 * width * k], 2 * width});
+      found.add(work.graph.source[chunk.begin + k], residuals::squared_residual(record), finite);
     }
   }
   return found;

@@ -11,35 +11,30 @@ namespace {
 
 using optim::Method;
 
-[[noreturn]] void refuse(const std::string& option, Method method, const char* reason) {
-  throw InvalidArgument(option + " with method = '" + std::string(enum_name(method)) +
-                        "': " + reason);
+// Of an option beside the value of another.
+template <class E>
+[[noreturn]] void refuse(const std::string& option, E other, const char* reason) {
+  throw InvalidArgument(option + " with " + enum_setting(other) + ": " + reason);
 }
 
 void refuse_acceleration(const optim::MinimizerOptions& minimizer) {
   const optim::Acceleration kind = minimizer.acceleration;
   if (kind == optim::Acceleration::kNone || kind == optim::Acceleration::kAuto) return;
-  const std::string option = "acceleration = '" + std::string(enum_name(kind)) + "'";
+  const std::string option = enum_setting(kind);
   if (!facts_of(minimizer.method).can_accelerate())
     refuse(option, minimizer.method, "its step does not solve a damped system");
-  if (minimizer.line_search.kind != optim::LineSearchKind::kNone) {
-    throw InvalidArgument(option + " with line_search = '" +
-                          std::string(enum_name(minimizer.line_search.kind)) +
-                          "': a step is bent or searched along, not both");
-  }
+  if (minimizer.line_search.kind != optim::LineSearchKind::kNone)
+    refuse(option, minimizer.line_search.kind, "a step is bent or searched along, not both");
 }
 
 void refuse_point_steps(const optim::MinimizerOptions& minimizer) {
   const optim::PointSteps wanted = minimizer.point_steps;
   if (wanted == optim::PointSteps::kAuto || wanted == optim::PointSteps::kWhole) return;
-  const std::string option = "point_steps = '" + std::string(enum_name(wanted)) + "'";
+  const std::string option = enum_setting(wanted);
   if (!facts_of(minimizer.method).can_hold_back())
     refuse(option, minimizer.method, "it does not try another step");
-  if (minimizer.line_search.kind != optim::LineSearchKind::kNone) {
-    throw InvalidArgument(option + " with line_search = '" +
-                          std::string(enum_name(minimizer.line_search.kind)) +
-                          "': the search decides how far points go");
-  }
+  if (minimizer.line_search.kind != optim::LineSearchKind::kNone)
+    refuse(option, minimizer.line_search.kind, "the search decides how far points go");
 }
 
 // A comparison of tests without the search that has them would compare nothing.
@@ -48,9 +43,7 @@ void refuse_backtracking_test(const optim::LineSearchOptions& search) {
   if (search.backtracking_test == BacktrackingTest::kArmijo ||
       search.kind == LineSearchKind::kBacktracking)
     return;
-  throw InvalidArgument("backtracking_test = '" + std::string(enum_name(search.backtracking_test)) +
-                        "' with line_search = '" + std::string(enum_name(search.kind)) +
-                        "': only 'backtracking' has a test");
+  refuse(enum_setting(search.backtracking_test), search.kind, "only 'backtracking' has a test");
 }
 
 // An option that a method cannot heed is refused rather than ignored.
@@ -66,14 +59,14 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
   refuse_point_steps(minimizer);
   refuse_backtracking_test(search);
   if (options.loss_table && options.loss != LossKind::kSquared) {
-    throw InvalidArgument("loss = '" + std::string(enum_name(options.loss)) +
-                          "' with a loss_table, which takes its place: leave 'squared'");
+    throw InvalidArgument(enum_setting(options.loss) +
+                          " with a loss_table, which takes its place: leave 'squared'");
   }
   if (search.damping_threshold && !facts_of(method).has_damping)
     refuse("line_search_damping", method, "it has no damping to compare with");
   if (!facts_of(method).solves_linear_system &&
       options.linear_solver.kind != linear::LinearSolverKind::kAuto) {
-    refuse("linear_solver = '" + std::string(enum_name(options.linear_solver.kind)) + "'",
+    refuse(enum_setting(options.linear_solver.kind),
            method,
            "it solves no linear system of all cameras; leave 'auto'");
   }

@@ -23,8 +23,7 @@ bool fixes_gauge(const Problem& problem, const SolveOptions& options) {
   if (fixed && !is_metric(problem.camera_model)) {
     throw InvalidArgument(
         "camera_model = 'projective': its gauge of 15 degrees of freedom is left to damping; "
-        "neither "
-        "gauge = 'fixed' nor method = 'gauss-newton' applies");
+        "neither gauge = 'fixed' nor method = 'gauss-newton' applies");
   }
   return fixed;
 }
@@ -32,8 +31,7 @@ bool fixes_gauge(const Problem& problem, const SolveOptions& options) {
 template <class T>
 [[noreturn]] void refuse_of_function(const Problem& problem, T value, const char* reason) {
   throw InvalidArgument("camera_model = '" + std::string(problem.camera_model.name()) +
-                        "', a function, with " + std::string(EnumTraits<T>::kWhat) + " = '" +
-                        std::string(enum_name(value)) + "': " + reason);
+                        "', a function, with " + enum_setting(value) + ": " + reason);
 }
 
 // What asks for more than the images of all observations at a state.
@@ -90,8 +88,7 @@ Loss make_loss(const SolveOptions& options,
     return loss;
   }
   if (loss.kind == LossKind::kAuto) return {loss.kind, FallingScale(images, 0.0).at(start)};
-  // Exact data has no spread to learn from; any positive scale then leaves every residual alone.
-  const double sigma = std::max(mad_sigma(exchange.gather(images.values(start))), 1e-9);
+  const double sigma = std::max(mad_sigma(exchange.gather(images.values(start))), kLeastLossScale);
   loss.scale = efficient_scale(loss, sigma);
   return loss;
 }

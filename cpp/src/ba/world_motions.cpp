@@ -2,9 +2,6 @@
 
 #include <algorithm>
 
-#include <Eigen/Core>
-
-#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::ba {
@@ -40,8 +37,7 @@ WorldMotions::WorldMotions(const Problem& problem,
 }
 
 PoseMatrix WorldMotions::camera(int i) const {
-  using Stored = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
-  return Eigen::Map<const Stored>(state_.cameras.data() + problem_.camera_offset(i));
+  return PoseMatrixView(state_.cameras.data() + problem_.camera_offset(i));
 }
 
 PoseMotion WorldMotions::of_pose(PoseMatrix pose) const {
@@ -66,16 +62,11 @@ Eigen::Vector3d WorldMotions::lever(int i) const {
   return sensors_.lever(state_, problem_.rigs.sensor_of_camera[i]) / extent_;
 }
 
-namespace {
-
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-
-}  // namespace
-
 void set_camera_modes(const Problem& problem,
                       const linear::ParameterMap& map,
                       const optim::State& state,
                       linear::CameraModes& modes) {
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   if (!is_metric(problem.camera_model)) return;
   const int size = map.camera_size, others = size - kPoseTangent;
   modes.count = kSimilarities + others;

@@ -1,5 +1,6 @@
 #include "exchange.hpp"
 
+#include "module.hpp"
 #include "python_function.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 

@@ -51,6 +51,4 @@ class CommunicatorExchange {
   MessageExchange exchange_;
 };
 
-void bind_exchange(py::module_& m);
-
 }  // namespace sfmcpp::bindings

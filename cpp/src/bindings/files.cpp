@@ -1,5 +1,4 @@
 // What files hold: numbers as text, records, and lists in groups.
-#include <cstring>
 #include <limits>
 
 #include <pybind11/stl.h>
@@ -176,8 +175,7 @@ void bind_files(py::module_& m) {
         py::arg("counts"),
         py::arg("threads") = 0,
         "Rows of text: each head, then the next counts[i] items, then the tail. A column is a pair "
-        "of the text "
-        "before it and its values.");
+        "of the text before it and its values.");
   m.def("split_records",
         &split_records_of,
         py::arg("data"),

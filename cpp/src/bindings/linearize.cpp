@@ -66,8 +66,7 @@ py::list groups(const LinearModel& model) {
     py::dict rows;
     rows["name"] = group.name;
     rows["weight"] = group.weight;
-    rows["member"] =
-        py::array_t<int>(static_cast<py::ssize_t>(group.member.size()), group.member.data());
+    rows["member"] = array_of(group.member);
     rows["errors"] = group.errors;
     rows["columns"] = group.jacobian.cols();
     const auto entries = static_cast<py::ssize_t>(group.jacobian.nonZeros());
@@ -96,14 +95,11 @@ py::array_t<double> leverages(LinearModel& model) {
 
 py::dict step(LinearModel& model) {
   const ba::LinearStep step = model.in_turn([&] { return model.step(); });
-  const auto flat = [](const std::vector<double>& values) {
-    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
-  };
   py::dict result;
-  result["cameras"] = flat(step.state.cameras);
-  result["intrinsics"] = flat(step.state.intrinsics);
-  result["points"] = flat(step.state.points);
-  result["rig_sensors"] = flat(step.state.sensors);
+  result["cameras"] = array_of(step.state.cameras);
+  result["intrinsics"] = array_of(step.state.intrinsics);
+  result["points"] = array_of(step.state.points);
+  result["rig_sensors"] = array_of(step.state.sensors);
   result["errors"] = step.errors;
   result["decrease"] = step.decrease;
   return result;

@@ -2,7 +2,6 @@
 
 #include <pybind11/pybind11.h>
 
-#include "exchange.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/isa.hpp"
 

@@ -2,14 +2,13 @@
 
 #include <pybind11/pybind11.h>
 
-#include "sfmcpp/ba/solve.hpp"
-
 namespace sfmcpp::bindings {
 
 namespace py = pybind11;
 
 void bind_options(py::module_& m);
 void bind_summary(py::module_& m);
+void bind_exchange(py::module_& m);
 void bind_solve(py::module_& m);
 void bind_check(py::module_& m);
 void bind_pose(py::module_& m);

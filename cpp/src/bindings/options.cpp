@@ -8,6 +8,7 @@
 
 #include "arguments.hpp"
 #include "module.hpp"
+#include "sfmcpp/ba/solve_options.hpp"
 
 namespace sfmcpp::bindings {
 namespace {

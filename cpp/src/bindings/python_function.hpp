@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <chrono>
 #include <exception>
-#include <span>
 #include <thread>
 
 #include <pybind11/pybind11.h>

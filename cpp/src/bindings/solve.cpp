@@ -26,16 +26,13 @@ bool interrupted() {
 using Where = std::function<optim::Resumption()>;
 
 py::dict dict_of(const optim::Resumption& resumption) {
-  const auto array = [](const std::vector<double>& values) {
-    return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
-  };
   py::dict d;
-  d["cameras"] = array(resumption.state.cameras);
-  d["intrinsics"] = array(resumption.state.intrinsics);
-  d["points"] = array(resumption.state.points);
-  if (!resumption.state.sensors.empty()) d["rig_sensors"] = array(resumption.state.sensors);
-  d["numbers"] = array(resumption.numbers);
-  d["seconds"] = array({resumption.seconds});
+  d["cameras"] = array_of(resumption.state.cameras);
+  d["intrinsics"] = array_of(resumption.state.intrinsics);
+  d["points"] = array_of(resumption.state.points);
+  if (!resumption.state.sensors.empty()) d["rig_sensors"] = array_of(resumption.state.sensors);
+  d["numbers"] = array_of(resumption.numbers);
+  d["seconds"] = array_of<double>({resumption.seconds});
   return d;
 }
 
@@ -212,8 +209,7 @@ void bind_solve(py::module_& m) {
         py::arg("options"),
         py::arg("lengths"),
         "Costs along the first step; the arrays `cameras`, `intrinsics`, `points` and "
-        "`rig_sensors` are "
-        "moved along it at unit length.");
+        "`rig_sensors` are moved along it at unit length.");
   m.def("solve",
         &solve,
         py::arg("arrays"),
@@ -224,9 +220,8 @@ void bind_solve(py::module_& m) {
         py::arg("exchange") = py::none(),
         "Minimise; the arrays `cameras`, `intrinsics`, `points` and `rig_sensors` are overwritten "
         "with the best state. `checkpoint(where, last)` is called after each iteration; `where()` "
-        "gives arrays "
-        "that another call takes as `resumed`. With `exchange`, this is one rank's part of a "
-        "problem.");
+        "gives arrays that another call takes as `resumed`. With `exchange`, this is one rank's "
+        "part of a problem.");
 }
 
 }  // namespace sfmcpp::bindings

@@ -3,6 +3,7 @@
 #include <pybind11/stl.h>
 
 #include "module.hpp"
+#include "sfmcpp/ba/solve.hpp"
 
 namespace sfmcpp::bindings {
 namespace {

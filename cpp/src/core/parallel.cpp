@@ -15,7 +15,7 @@ namespace {
 
 constexpr double kSpinSeconds = 1e-4;
 constexpr double kSecondsBetweenQuestions = 0.2;  // of a StopWatcher
-constexpr int kSpinsBetweenLooks = 32;  // at the clock, or before giving the processor away
+constexpr unsigned kSpinsBetweenLooks = 32;  // at the clock, or before giving the processor away
 constexpr long kObservationsWorthAThread = 4000;
 
 inline void relax() {
@@ -66,7 +66,7 @@ void ThreadPool::run(const Job& job) {
 }
 
 void ThreadPool::wait_for_workers() {
-  for (int spin = 1; joined_ > 0; ++spin) {
+  for (unsigned spin = 1; joined_ > 0; ++spin) {
     relax();
     if (spin % kSpinsBetweenLooks != 0) continue;
     std::this_thread::yield();
@@ -120,7 +120,7 @@ void ThreadPool::give_up(std::exception_ptr failure) {
 unsigned ThreadPool::wait_for_job(unsigned seen) const {
   const Stopwatch watch;
   unsigned generation;
-  for (int spin = 1; (generation = generation_) == seen; ++spin) {
+  for (unsigned spin = 1; (generation = generation_) == seen; ++spin) {
     relax();
     if (spin % kSpinsBetweenLooks == 0 && watch.seconds() > kSpinSeconds) generation_.wait(seen);
   }

@@ -10,6 +10,9 @@
 
 namespace sfmcpp::linear {
 
+// Cameras that the preconditioner of clusters solves for together.
+inline constexpr int kCamerasOfCluster = 20;
+
 struct Aggregates {
   std::vector<int> of_camera;  // number of the aggregate of each camera
   std::vector<int> begin;      // cameras of aggregate k: members[begin[k] … begin[k + 1])

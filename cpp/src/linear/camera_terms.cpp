@@ -28,9 +28,7 @@ CameraPairs with_diagonal(CameraPairs pairs) {
 CameraTerms::CameraTerms(int num_cameras, int camera_size, CameraPairs pairs)
     : size_(camera_size), pairs_(with_diagonal(std::move(pairs))) {
   if (pairs_.empty()) return;
-  for (int row = 0; row < size_; ++row) {
-    for (int c = 0; c < size_; ++c) place_.push_back(panel_index(size_, row, c));
-  }
+  place_ = panel_places(size_);
   row_begin_.assign(static_cast<std::size_t>(num_cameras) + 1, 0);
   for (const auto& [i, j] : pairs_) {
     ++row_begin_[i + 1];

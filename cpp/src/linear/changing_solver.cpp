@@ -5,6 +5,7 @@
 // threads.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "solver_choice.hpp"
@@ -79,7 +80,7 @@ class ChangingSolver final : public LinearSolver {
 
   double iterations_worth_another_solver() const {
     const SolverForecast direct = best_direct();
-    if (direct.bytes > choice_.budget_bytes) return 1e300;
+    if (direct.bytes > choice_.budget_bytes) return std::numeric_limits<double>::infinity();
     SolverForecast one = forecast_iterative(choice_.counts, choice_.with_blocks), none = one;
     one.iterations = 1.0;
     none.iterations = 0.0;

@@ -28,10 +28,8 @@ CoarseSpace::CoarseSpace(const NormalEquations& normal,
     : normal_(normal),
       schur_(schur),
       partition_(partition),
-      aggregates_(aggregate_cameras(neighbours, target_of(neighbours.num_cameras()))) {
-  for (int row = 0; row < size(); ++row) {
-    for (int c = 0; c < size(); ++c) place_.push_back(panel_index(size(), row, c));
-  }
+      aggregates_(aggregate_cameras(neighbours, target_of(neighbours.num_cameras()))),
+      place_(panel_places(size())) {
   for (int column : normal.map().column)
     own_.push_back(static_cast<char>(column != kNoColumn && !normal.is_shared(column)));
 }

@@ -175,7 +175,7 @@ bool DenseCholesky::factorize(ThreadPool& pool) {
       kernels_, matrix_.data(), ld_, padded_size_, padded_size_, &pool, scratch_.data());
 }
 
-void DenseCholesky::solve(std::span<double> x) {
+void DenseCholesky::solve(std::span<double> x) const {
   kernels_.forward(matrix_.data(), ld_, size_, size_, x.data());
   kernels_.backward(matrix_.data(), ld_, size_, size_, x.data());
 }

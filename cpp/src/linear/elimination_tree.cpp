@@ -3,22 +3,10 @@
 #include <algorithm>
 #include <numeric>
 
+#include "sfmcpp/core/grouping.hpp"
+
 namespace sfmcpp::linear {
 namespace {
-
-// Sets of nodes below a common ancestor, with paths halved as they are walked.
-class Ancestors {
- public:
-  explicit Ancestors(int nodes) : up_(nodes) { std::iota(up_.begin(), up_.end(), 0); }
-  void hang(int node, int parent) { up_[node] = parent; }
-  int top_of(int node) {
-    while (up_[node] != node) node = up_[node] = up_[up_[node]];
-    return node;
-  }
-
- private:
-  std::vector<int> up_;
-};
 
 std::vector<int> first_descendants(std::span<const int> parent) {
   std::vector<int> first(parent.size());
@@ -107,7 +95,7 @@ std::vector<std::int64_t> column_heights(const BlockGraph& graph,
   const std::vector<int> first = first_descendants(tree.parent);
   std::vector<std::int64_t> height(n, 0);
   std::vector<int> latest_first(n, -1), leaf_before(n, -1);
-  Ancestors ancestors(n);
+  DisjointSets subtrees(n);  // of nodes seen so far; their roots stand for them
   for (int node = 0; node < n; ++node) {
     const int parent = tree.parent[node];
     if (first[node] == node) height[node] += graph.size[block_at[node]];
@@ -116,12 +104,11 @@ std::vector<std::int64_t> column_heights(const BlockGraph& graph,
       const int row = position[neighbour];
       if (row <= node || first[node] <= latest_first[row]) continue;  // not a leaf of this row
       height[node] += graph.size[neighbour];
-      if (leaf_before[row] != -1)
-        height[ancestors.top_of(leaf_before[row])] -= graph.size[neighbour];
+      if (leaf_before[row] != -1) height[subtrees.root(leaf_before[row])] -= graph.size[neighbour];
       latest_first[row] = first[node];
       leaf_before[row] = node;
     }
-    if (parent != kRoot) ancestors.hang(node, parent);
+    if (parent != kRoot) subtrees.join(node, parent);
   }
   for (int node = 0; node < n; ++node) {
     if (tree.parent[node] != kRoot) height[tree.parent[node]] += height[node];

@@ -106,11 +106,19 @@ void ColumnPartition::find_ghosts(const std::vector<char>& is_needed) {
 }
 
 void ColumnPartition::take(const Vector& whole, Vector& own) const {
-  is_only_rank() ? void(own = whole) : pick(whole, own_, own);
+  if (is_only_rank()) {
+    own = whole;
+  } else {
+    pick(whole, own_, own);
+  }
 }
 
 void ColumnPartition::place(const Vector& own, Vector& whole) const {
-  is_only_rank() ? void(whole = own) : put(own, own_, whole);
+  if (is_only_rank()) {
+    whole = own;
+  } else {
+    put(own, own_, whole);
+  }
 }
 
 void ColumnPartition::gather(const Vector& own, Vector& whole) const {

@@ -190,7 +190,7 @@ void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal
   AlignedVector<double>& row = rows_[worker];
   row.resize(static_cast<std::size_t>(area() * num_blocks));
   schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), diagonal.camera_rhs(i));
-  float* rounded = blocks_.data() + (blocks_of_row(i) - blocks_.data());
+  float* rounded = blocks_.data() + first_of_row(i);
   for (long k = 0; k < num_blocks; ++k)
     kernels_.round(row.data() + area() * k,
                    schur_rows_.grid().inverse_of_camera(i),

@@ -62,9 +62,7 @@ class BlockSparseSchur final : public SchurOperator {
   const double* diagonal_block(int i) const { return diagonal_ + area() * i; }
   // The blocks (i, j), j > i, of row i as the kernels want them, divided by the powers of two of
   // their rows and columns.
-  const float* blocks_of_row(int i) const {
-    return blocks_.data() + area() * (pattern_.row_begin[i] - i);
-  }
+  const float* blocks_of_row(int i) const { return blocks_.data() + first_of_row(i); }
   const double* powers(int i) const { return schur_rows_.grid().of_camera(i); }
   std::span<const int> columns_of_row(int i) const {
     return {pattern_.column.data() + pattern_.row_begin[i] + 1,
@@ -82,6 +80,8 @@ class BlockSparseSchur final : public SchurOperator {
   long area() const {
     return static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   }
+  // Of the blocks above the diagonal, as every row before has one on it.
+  long first_of_row(int i) const { return area() * (pattern_.row_begin[i] - i); }
   std::vector<RowTask> cut_rows(long blocks_per_task) const;
   std::size_t numbers_of(const std::vector<RowTask>& tasks) const;
   std::vector<RowTask> choose_tasks() const;

@@ -8,6 +8,7 @@
 #include "sfmcpp/linear/block_layout.hpp"
 
 namespace sfmcpp::linear {
+
 ClusterBlocks::ClusterBlocks(const NormalEquations& normal,
                              const BlockSparseSchur& schur,
                              const CameraPartition& partition,
@@ -15,12 +16,9 @@ ClusterBlocks::ClusterBlocks(const NormalEquations& normal,
     : normal_(normal),
       schur_(schur),
       aggregates_(std::move(clusters)),
+      place_(panel_places(normal.map().camera_size)),
       row_(normal.map().column.size(), -1),
       clusters_(static_cast<std::size_t>(aggregates_.count())) {
-  const int size = normal.map().camera_size;
-  for (int r = 0; r < size; ++r) {
-    for (int c = 0; c < size; ++c) place_.push_back(panel_index(size, r, c));
-  }
   for (int k = 0; k < aggregates_.count(); ++k) {
     if (partition.is_own(aggregates_.members[aggregates_.begin[k]])) own_.push_back(k);
   }
@@ -120,7 +118,6 @@ namespace {
 
 // With fewer cameras an iteration costs nothing beside the forming of S.
 constexpr int kManyCameras = 500;
-constexpr int kCamerasOfCluster = 20;
 
 PreconditionerKind chosen(PreconditionerKind kind, int cameras) {
   if (kind != PreconditionerKind::kAuto) return kind;

@@ -7,7 +7,7 @@
 
 #include "iterative_solver.hpp"
 #include "sfmcpp/core/error.hpp"
-#include "sfmcpp/core/memory_limit.hpp"
+#include "sfmcpp/core/machine.hpp"
 #include "sfmcpp/linear/explicit_schur.hpp"
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/linear/schur_rows.hpp"

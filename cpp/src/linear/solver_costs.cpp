@@ -1,9 +1,11 @@
 #include "sfmcpp/linear/solver_costs.hpp"
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <mutex>
 
+#include "aggregates.hpp"
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
@@ -38,11 +40,10 @@ IterativeCounts count_from_jacobian(const SolverCounts& counts) {
 
 // With the preconditioner of clusters, in single precision and read twice by halves.
 IterativeCounts count_with_blocks(const SolverCounts& counts) {
-  constexpr double kCluster = 20;
   const double d = counts.camera_size;
   const double above = counts.blocks - counts.cameras;
   const double bytes = above * (sizeof(float) * d * d + sizeof(int));
-  const double of_clusters = counts.cameras * kCluster * d * d * sizeof(float);
+  const double of_clusters = counts.cameras * kCamerasOfCluster * d * d * sizeof(float);
   return {.iteration_bytes =
               bytes + of_clusters + counts.cameras * (kNumber * d * d + bytes_of_camera(d)),
           .kept_bytes = bytes + of_clusters +
@@ -51,7 +52,6 @@ IterativeCounts count_with_blocks(const SolverCounts& counts) {
 
 namespace {
 
-constexpr double kDouble = sizeof(double);
 // Steps that work done once is shared by: a run takes about so many.
 constexpr double kExpectedSteps = 10;
 constexpr double kFewestIterations = 3;
@@ -73,7 +73,7 @@ double flops_of(const Works& amounts) {
 }
 
 double block_bytes(const SolverCounts& counts) {
-  return kDouble * counts.blocks * counts.camera_size * counts.camera_size;
+  return kNumber * counts.blocks * counts.camera_size * counts.camera_size;
 }
 
 // Where every point is seen by a large part of the cameras, the diagonal blocks hold nearly all
@@ -124,7 +124,7 @@ void bound_sparse_factor(SolverCounts& counts) {
   counts.edges = below;
   counts.factor_flops = counts.cameras * d * d * d * (1.0 / 3 + height + height * height);
   counts.factor_entries = counts.cameras * d * d * (0.5 + height);
-  counts.factor_bytes = kDouble * counts.factor_entries;
+  counts.factor_bytes = kNumber * counts.factor_entries;
 }
 
 double SolverForecast::flops() const { return flops_of(step) + iterations * flops_of(iteration); }
@@ -142,9 +142,9 @@ SolverForecast forecast_dense(const SolverCounts& counts) {
   const double n = counts.columns;
   SolverForecast forecast{.kind = LinearSolverKind::kDense, .step = explicit_work(counts)};
   amount_of(forecast.step, Work::kDenseFactor) = n * n * n / 3;
-  amount_of(forecast.step, Work::kDenseEntries) = kDouble * n * n;
+  amount_of(forecast.step, Work::kDenseEntries) = kNumber * n * n;
   amount_of(forecast.step, Work::kRegions) += n / 48;
-  forecast.bytes = kDouble * n * n + counts.pair_list_bytes;
+  forecast.bytes = kNumber * n * n + counts.pair_list_bytes;
   return forecast;
 }
 
@@ -174,15 +174,23 @@ SolverForecast forecast_iterative(const SolverCounts& counts, bool with_blocks) 
 }
 
 const Works& reference_rates() {
-  static constexpr Works kRates = {
-      2.4e-11, 1.45e-11, 2e-11, 6.6e-12, 6.2e-11, 2.7e-11, 2e-11, 1.5e-7, 4.8e-11, 3.8e-11, 1.9e-6};
+  static constexpr Works kRates = {2.4e-11,   // observations
+                                   1.45e-11,  // pairs
+                                   2e-11,     // blocks
+                                   6.6e-12,   // dense_factor
+                                   6.2e-11,   // dense_entries
+                                   2.7e-11,   // sparse_factor
+                                   2e-11,     // sparse_entries
+                                   1.5e-7,    // symbolic
+                                   4.8e-11,   // product
+                                   3.8e-11,   // block_product
+                                   1.9e-6};   // regions
   return kRates;
 }
 
-// What this machine does in a second, against the reference.
-
 namespace {
 
+// What this machine does in a second, against the reference.
 constexpr int kRepeats = 3;
 constexpr int kColumns = 480;
 constexpr long kNumbers = 1 << 20;  // 8 MB, more than a core's own cache
@@ -195,7 +203,7 @@ constexpr double kReferenceStreamSeconds = 0.16e-3;
 // The shortest of a few, the first of which warms up.
 template <class F>
 double shortest_seconds(const F& f) {
-  double shortest = 1e300;
+  double shortest = std::numeric_limits<double>::infinity();
   for (int k = 0; k < kRepeats; ++k) {
     const Stopwatch watch;
     f();

@@ -222,8 +222,6 @@ void SupernodalCholesky::add_tile(const Work& plan,
   }
 }
 
-// Triangular solves with the factor of supernodal_cholesky.hpp.
-
 // x ← L⁻¹ x for the columns of one supernode, whose updates are added to its rows below.
 void SupernodalCholesky::forward(int s, double* x, Outside* outside, std::vector<double>& y) const {
   const SupernodePanel& shape = s_.panel[s];

@@ -74,7 +74,7 @@ class Mapper {
 
 }  // namespace
 
-UpdateTriangle::UpdateTriangle(int size) : padded_((size + kStrip - 1) / kStrip * kStrip) {
+UpdateTriangle::UpdateTriangle(int size) : padded_(round_up(size, kStrip)) {
   const std::int64_t groups = padded_ / kStrip;
   num_entries_ = kStrip * kStrip * (groups * (groups + 1) / 2);
 }

@@ -129,6 +129,23 @@ class Amalgamation {
   std::vector<Node> nodes_;
 };
 
+// The block at each place of an order in which the blocks of a supernode follow one another; sets
+// where each begins, and its parent.
+std::vector<int> join_blocks(const BlockGraph& graph,
+                             const Adjacency& adjacency,
+                             const BlockOrdering& ordering,
+                             Supernodes& s) {
+  const std::vector<int> given = inverse_permutation(ordering.position);
+  const EliminationTree tree = make_elimination_tree(adjacency, given, ordering.position);
+  Amalgamation amalgamation(
+      graph, given, tree, column_heights(graph, adjacency, tree, given, ordering.position));
+  amalgamation.join();
+  std::vector<int> block_at;
+  amalgamation.write(block_at, s.begin, s.parent);
+  for (int& block : block_at) block = given[block];
+  return block_at;
+}
+
 // Rows of each supernode: those of its blocks in the matrix, and those that its children leave.
 void find_rows(const Adjacency& adjacency, std::span<const int> block_at, Supernodes& s) {
   const int n = s.count();
@@ -253,17 +270,7 @@ double Supernodes::num_bytes() const {
 Supernodes make_supernodes(const BlockGraph& graph, const BlockOrdering& ordering) {
   Supernodes s;
   const Adjacency adjacency = make_adjacency(graph);
-  std::vector<int> block_at = inverse_permutation(ordering.position);
-  {
-    const EliminationTree tree = make_elimination_tree(adjacency, block_at, ordering.position);
-    Amalgamation amalgamation(
-        graph, block_at, tree, column_heights(graph, adjacency, tree, block_at, ordering.position));
-    amalgamation.join();
-    std::vector<int> places;
-    amalgamation.write(places, s.begin, s.parent);
-    for (int& place : places) place = block_at[place];
-    block_at = std::move(places);
-  }
+  const std::vector<int> block_at = join_blocks(graph, adjacency, ordering, s);
   s.position = inverse_permutation(block_at);
   s.first_column.push_back(0);
   for (int block : block_at) s.first_column.push_back(s.first_column.back() + graph.size[block]);

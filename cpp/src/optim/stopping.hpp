@@ -2,15 +2,12 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
 
 #include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/stopwatch.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
-#include "sfmcpp/linear/vector_algebra.hpp"
 #include "sfmcpp/optim/options.hpp"
-#include "sfmcpp/optim/state.hpp"
 #include "sfmcpp/optim/summary.hpp"
 
 namespace sfmcpp::optim {
@@ -134,14 +131,6 @@ inline bool gradient_is_small(const TerminationOptions& termination,
 // that by chance ends no higher than it began.
 inline bool kept_its_promise(double decrease, double promised, double negligible) {
   return promised <= negligible || decrease >= kKeptPromise * promised;
-}
-
-// Norm of all unknowns, over all ranks.
-inline double norm(const State& state, const linear::NormalEquations& normal) {
-  ThreadPool& pool = normal.pool();
-  return std::sqrt(linear::squared_norm(pool, state.cameras).value() +
-                   linear::squared_norm(pool, state.intrinsics).value() +
-                   normal.exchange().sum(linear::squared_norm(pool, state.points)));
 }
 
 }  // namespace sfmcpp::optim

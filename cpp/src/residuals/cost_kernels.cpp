@@ -50,15 +50,13 @@ BatchCost cost(const ObservationBatch& batch) {
   return result;
 }
 
-constexpr int kRecord = 8, kResidualU = 3, kResidualV = 7;  // numbers; see JacobianOutput
-
 void add_squares(int count, const double* records, SumOfSquares& sum) {
   Real sums = load<kLanes>(sum.sums), rests = load<kLanes>(sum.rests);
   for (int first = 0; first < count; first += kLanes) {
     Real ru(0.0), rv(0.0);
     for (int lane = 0; lane < kLanes && first + lane < count; ++lane) {
-      ru.v[lane] = records[kRecord * (first + lane) + kResidualU];
-      rv.v[lane] = records[kRecord * (first + lane) + kResidualV];
+      ru.v[lane] = records[kRecordSize * (first + lane) + kResidualOfU];
+      rv.v[lane] = records[kRecordSize * (first + lane) + kResidualOfV];
     }
     add_compensated(sums, rests, squared(ru, rv));
   }

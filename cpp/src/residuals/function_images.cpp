@@ -84,13 +84,13 @@ void FunctionImages::linearize(int first,
       const double* a = by_point_.data() + 3 * of_row;
       const double* b = by_intrinsics_.data() + num_intrinsics_ * of_row;
       double* camera = out.camera + static_cast<long>(out.camera_size) * (2L * k + row);
-      double* point = out.point + 4L * (2L * k + row);
+      double* point = out.point + kRecordRow * (2L * k + row);
       Space::carry_to_world(
           batch.camera, x, weight * a[0], weight * a[1], weight * a[2], camera, point);
       for (int i = 0; i < out.num_free_intrinsics; ++i)
         camera[Space::kTangent + i] = weight * b[out.free_intrinsics[i]];
       std::fill(camera + used, camera + out.camera_size, 0.0);
-      point[3] = weight * (seen[row] - pixel(first + k)[row]);
+      point[kResidualOfU] = weight * (seen[row] - pixel(first + k)[row]);
     }
   }
 }

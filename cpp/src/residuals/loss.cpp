@@ -45,7 +45,7 @@ void LossTable::check_weights() const {
   }
 }
 
-// Of an s beyond the last knot, and of none: the end of the last cell.
+// The end of the last cell for an s beyond the last knot. What is no number stays so in x.
 LossTable::Place LossTable::place_of(double s) const {
   const auto next = std::upper_bound(knots_.begin() + 1, knots_.end() - 1, s);
   const auto k = static_cast<std::size_t>(next - knots_.begin()) - 1;

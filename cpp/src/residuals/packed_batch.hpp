@@ -17,8 +17,8 @@ SFMCPP_INLINE void gather_point(const ObservationBatch& batch, int first, Real* 
     point[k] = gather<kLanes>(batch.points + k, batch.point + first, kStorage);
 }
 
-SFMCPP_INLINE int lanes_left(const ObservationBatch& batch, int first) {
-  return batch.count - first < kLanes ? batch.count - first : kLanes;
+[[maybe_unused]] SFMCPP_INLINE int lanes_left(int count, int first) {
+  return count - first < kLanes ? count - first : kLanes;
 }
 
 // Positive in the lanes that hold an observation, negative beyond the end of the batch.

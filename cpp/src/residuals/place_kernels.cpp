@@ -23,15 +23,14 @@ void linearize(const PlaceBatch& batch, double* records) {
     LinearizedImagePoint<Real, Camera::kTangent, Camera::kIntrinsics> lin;
     Camera::linearize(camera, intrinsics, place, lin);
     const Real weight = load<kLanes>(batch.inverse_sigma + first);
-    Transposer<8> record;
+    Transposer<kRecordSize> record;
     for (int k = 0; k < 3; ++k) {
       record.set(k, lin.point[0][k] * weight);
-      record.set(4 + k, lin.point[1][k] * weight);
+      record.set(kRecordRow + k, lin.point[1][k] * weight);
     }
-    record.set(3, (load<kLanes>(batch.u + first) - lin.image.u) * weight);
-    record.set(7, (load<kLanes>(batch.v + first) - lin.image.v) * weight);
-    const int left = batch.count - first;
-    record.write(8, left < kLanes ? left : kLanes, records + 8L * first);
+    record.set(kResidualOfU, (load<kLanes>(batch.u + first) - lin.image.u) * weight);
+    record.set(kResidualOfV, (load<kLanes>(batch.v + first) - lin.image.v) * weight);
+    record.write(kRecordSize, lanes_left(batch.count, first), records + long{kRecordSize} * first);
   }
 }
 

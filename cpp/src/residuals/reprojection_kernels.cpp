@@ -8,7 +8,7 @@ namespace {
 
 SFMCPP_INLINE int points_behind(const ObservationBatch& batch, int first, const Real& depth) {
   int behind = 0;
-  for (int lane = 0; lane < lanes_left(batch, first); ++lane) behind += !(depth[lane] > 0.0);
+  for (int lane = 0; lane < lanes_left(batch.count, first); ++lane) behind += !(depth[lane] > 0.0);
   return behind;
 }
 
@@ -31,8 +31,9 @@ template <class Camera>
 int linearize(const ObservationBatch& batch, const JacobianOutput& out) {
   constexpr int kCamera = Camera::kTangent;
   const int size = out.camera_size;
-  Transposer<2 * (kCamera + Camera::kIntrinsics + 6)> camera;  // + 6: room for padding columns
-  Transposer<8> point;
+  static_assert(kCamera + Camera::kIntrinsics <= kMaxCameraColumns);
+  Transposer<2 * kMaxCameraColumns> camera;
+  Transposer<kRecordSize> point;
   for (int c = 0; c < 2 * size; ++c) camera.set(c, Real(0.0));
   int behind = 0;
   for (int first = 0; first < batch.count; first += kLanes) {
@@ -48,12 +49,12 @@ int linearize(const ObservationBatch& batch, const JacobianOutput& out) {
       for (int k = 0; k < out.num_free_intrinsics; ++k) {
         camera.set(row * size + kCamera + k, lin.intrinsics[row][out.free_intrinsics[k]] * weight);
       }
-      for (int k = 0; k < 3; ++k) point.set(4 * row + k, lin.point[row][k] * weight);
-      point.set(4 * row + 3, residual[row] * weight);
+      for (int k = 0; k < 3; ++k) point.set(kRecordRow * row + k, lin.point[row][k] * weight);
+      point.set(kRecordRow * row + kResidualOfU, residual[row] * weight);
     }
-    const int lanes = lanes_left(batch, first);
+    const int lanes = lanes_left(batch.count, first);
     camera.write(2 * size, lanes, out.camera + static_cast<long>(first) * 2 * size);
-    point.write(8, lanes, out.point + static_cast<long>(first) * 8);
+    point.write(kRecordSize, lanes, out.point + long{kRecordSize} * first);
     behind += points_behind(batch, first, lin.image.depth);
   }
   return behind;

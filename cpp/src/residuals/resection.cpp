@@ -43,8 +43,7 @@ ViewArrays PointViews::arrays() const {
 
 ResectionKernels resection_kernels(CameraModelId model) {
   if (!is_metric(model)) {
-    throw InvalidArgument("camera_model = '" + std::string(enum_name(model)) +
-                          "': must be a model with poses");
+    throw InvalidArgument(enum_setting(model) + ": must be a model with poses");
   }
   return SFMCPP_FOR_ACTIVE_ISA(resection_kernels_for(model));
 }

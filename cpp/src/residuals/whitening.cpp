@@ -23,7 +23,7 @@ struct Covariance {
   double variance_of_v_given_u() const { return vv - uv / uu * uv; }
 };
 
-// Of two rows of a record, the second turns into what L gives.
+// Of two rows, of u and of v, the second turns into what L gives.
 void whiten_rows(double shear, double stretch, int width, double* rows) {
   for (int k = 0; k < width; ++k) rows[width + k] = shear * rows[k] + stretch * rows[width + k];
 }
@@ -114,14 +114,13 @@ void whiten(const WhitenerShapes& shapes, int count, const double* ru, double* r
   for (int k = 0; k < count; ++k) rv[k] = shapes.shear[k] * ru[k] + shapes.stretch[k] * rv[k];
 }
 
-void whiten(const WhitenerShapes& shapes, int count, const JacobianOutput& records) {
+void whiten(const WhitenerShapes& shapes, int count, const JacobianOutput& jacobian) {
   if (shapes.shear == nullptr) return;
-  constexpr int kPointWidth = 4;
   for (long k = 0; k < count; ++k) {
     const double shear = shapes.shear[k], stretch = shapes.stretch[k];
-    const int width = records.camera_size;
-    whiten_rows(shear, stretch, width, records.camera + 2 * width * k);
-    whiten_rows(shear, stretch, kPointWidth, records.point + 2 * kPointWidth * k);
+    const int width = jacobian.camera_size;
+    whiten_rows(shear, stretch, width, jacobian.camera + 2 * width * k);
+    whiten_rows(shear, stretch, kRecordRow, jacobian.point + kRecordSize * k);
   }
 }
 

@@ -237,6 +237,31 @@ linear::ObservationGraph graph_of(const OwnedProblem& scene) {
       p.num_cameras(), p.num_points(), p.camera_index, p.point_index);
 }
 
+// Only sizes are looked at: there are no such arrays.
+TEST(CheckSizes, MoreThanAnIntCanNumberAreRefused) {
+  const OwnedProblem scene = legal_scene();
+  constexpr std::size_t kTooMany = std::size_t{1} << 31;
+  Problem problem = scene.view();
+  problem.points = {problem.points.data(), 3 * kTooMany};
+  EXPECT_EQ(message_of([&] { check_sizes(problem); }),
+            "points: 6442450944 values, must be at most 3 · 2147483647");
+  problem = scene.view();
+  problem.camera_index = {problem.camera_index.data(), kTooMany};
+  problem.point_index = {problem.point_index.data(), kTooMany};
+  problem.pixels = {problem.pixels.data(), 2 * kTooMany};
+  problem.sigma_px = {};
+  EXPECT_EQ(message_of([&] { check_sizes(problem); }),
+            "camera_index: 2147483648 values, must be at most 1 · 2147483647");
+}
+
+TEST(CheckSizes, AThirdOfThePointsThatAnIntCanNumberAreCountedRight) {
+  const OwnedProblem scene = legal_scene();
+  constexpr std::size_t kMany = 1'000'000'000;
+  Problem problem = scene.view();
+  problem.points = {problem.points.data(), 3 * kMany};
+  EXPECT_EQ(problem.num_points(), kMany);
+}
+
 TEST(CheckDuplicates, NamesBothObservationsTheirCameraAndPoint) {
   OwnedProblem scene = legal_scene();
   EXPECT_NO_THROW(check_duplicates(scene.view(), graph_of(scene)));

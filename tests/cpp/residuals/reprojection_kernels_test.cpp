@@ -107,20 +107,22 @@ TEST_P(ReprojectionKernel, SquaresOfRecordsInPartsHaveTheBitsOfTheCost) {
   }
 }
 
-// Which intrinsic parameters have a column, and how wide a camera block is.
+// Which intrinsic parameters have a column, and how wide a camera block is: with the six columns of
+// a free sensor of a rig too.
 struct Layout {
   std::vector<int> free;
   int camera_size;
 };
 
 std::vector<Layout> layouts(CameraModelId model) {
-  if (model == CameraModelId::kCalibrated) return {{{}, 6}};
+  if (model == CameraModelId::kCalibrated) return {{{}, 6}, {{}, 12}};
   if (model == CameraModelId::kProjective) return {{{}, 12}};
-  if (model == CameraModelId::kBal) return {{{}, 6}, {{0}, 9}, {{0, 2}, 9}, {{0, 1, 2}, 9}};
+  if (model == CameraModelId::kBal)
+    return {{{}, 6}, {{0}, 9}, {{0, 2}, 9}, {{0, 1, 2}, 9}, {{}, 12}, {{0}, 18}, {{0, 1, 2}, 18}};
   std::vector<int> all(intrinsic_names(model).size());
   std::iota(all.begin(), all.end(), 0);
-  if (model == CameraModelId::kPlugin) return {{{}, 6}, {{0}, 9}, {all, 18}};
-  return {{{}, 6}, {{0, 5, 11}, 9}, {{0, 2, 3, 5, 6}, 12}, {all, 18}};
+  if (model == CameraModelId::kPlugin) return {{{}, 6}, {{0}, 9}, {{0}, 18}, {all, 18}};
+  return {{{}, 6}, {{0, 5, 11}, 9}, {{0, 2, 3, 5, 6}, 12}, {{0}, 18}, {all, 18}};
 }
 
 // 2 × camera_size and 2 × 4 of one observation, by the double-typed template.

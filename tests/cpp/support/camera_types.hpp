@@ -30,9 +30,6 @@ using MetricCameraTypes = testing::Types<CameraOf<CalibratedCamera, CameraModelI
 #ifdef SFMCPP_CAMERA_PLUGIN
                                          CameraOf<PluginCamera, CameraModelId::kPlugin>,
 #endif
-#ifdef SFMCPP_CAMERA_PLUGIN
-                                         CameraOf<PluginCamera, CameraModelId::kPlugin>,
-#endif
                                          PerspectiveFunction>;
 
 template <class... Cameras>

@@ -4,8 +4,8 @@
 #pragma once
 
 #include <array>
+#include <span>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "sfmcpp/ba/image_residuals.hpp"

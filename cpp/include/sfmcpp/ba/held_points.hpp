@@ -28,7 +28,8 @@ class HeldPoints {
   // most points that matter show in it, without a look at any observation.
   double growth() const;
   // Draws back points of `candidate` that cost more there than at `start`; how many, over all
-  // ranks. Of observations that make a ten-thousandth of the growth each: the others do not matter.
+  // ranks. Only points with an observation that makes a ten-thousandth of the growth are looked at:
+  // the others do not matter.
   long hold_back(const optim::State& start, optim::State& candidate) const;
 
  private:

@@ -1,6 +1,6 @@
 // The stages of loss 'auto': what cost is minimised next, and from where.
 //
-// The scale falls and rises (loss_stages.hpp), points are searched for anew (point_rescues.hpp),
+// The scale falls and rises (FallingScale), points are searched for anew (point_rescues.hpp),
 // and then detours are made: an observation just beyond the scale of the loss has no influence,
 // though its point and its camera could come to agree with it together. At twice the scale it has;
 // the detour is kept if the cost is lower back at the scale. At last cameras are searched for anew
@@ -15,6 +15,10 @@
 #include "sfmcpp/optim/archive.hpp"
 
 namespace sfmcpp::ba {
+
+// Of a scale that residuals tell. Exact data has no spread to learn from; any positive scale then
+// leaves every residual alone.
+inline constexpr double kLeastLossScale = 1e-9;
 
 // The scale of loss 'auto': the size up to which residuals are denser than the background of
 // outliers.
@@ -61,8 +65,8 @@ struct LeftMinimum {
 
 class LossStages {
  public:
-  // Gives the images their loss, now and in each stage. The references but
-  // that to the start must outlive this object.
+  // Gives the images their loss, now and in each stage. The references but that to the start must
+  // outlive this object.
   LossStages(ImageResiduals& images,
              const PointRescues& points,
              const CameraRescues& cameras,

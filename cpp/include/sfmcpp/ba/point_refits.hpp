@@ -13,7 +13,6 @@
 // infinity on that side. So each is fitted from the best of several places.
 #pragma once
 
-#include <span>
 #include <vector>
 
 #include "sfmcpp/ba/image_residuals.hpp"

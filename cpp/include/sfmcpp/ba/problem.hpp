@@ -53,9 +53,13 @@ struct Problem {
 
   int num_cameras() const { return static_cast<int>(cameras.size() / kCameraStorage); }
   int num_intrinsics() const { return static_cast<int>(intrinsic_names(camera_model).size()); }
-  int num_groups() const { return static_cast<int>(intrinsics.size()) / num_intrinsics(); }
+  int num_groups() const {
+    return static_cast<int>(intrinsics.size() / static_cast<std::size_t>(num_intrinsics()));
+  }
   int point_storage() const { return sfmcpp::point_storage(camera_model); }
-  int num_points() const { return static_cast<int>(points.size()) / point_storage(); }
+  int num_points() const {
+    return static_cast<int>(points.size() / static_cast<std::size_t>(point_storage()));
+  }
   int num_observations() const { return static_cast<int>(camera_index.size()); }
 
   bool is_fixed_camera(int i) const { return !fixed_cameras.empty() && fixed_cameras[i] != 0; }

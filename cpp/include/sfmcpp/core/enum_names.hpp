@@ -61,10 +61,13 @@ constexpr const auto& facts_of(E value) {
 
 template <class E>
 constexpr std::string_view enum_name(E value) {
-  for (const auto& [candidate, name] : EnumNames<E>::kTable) {
-    if (candidate == value) return name;
-  }
-  return "unknown";
+  return is_enumerator(value) ? facts_of(value).name : "unknown";
+}
+
+// "method = 'lm'", for messages.
+template <class E>
+std::string enum_setting(E value) {
+  return std::string(EnumTraits<E>::kWhat) + " = '" + std::string(enum_name(value)) + "'";
 }
 
 template <class E>

@@ -1,4 +1,4 @@
-// Sets of numbers, by union–find.
+// Numbers in groups: sets that are joined, and the place of each element in its group.
 #pragma once
 
 #include <cstdint>
@@ -8,6 +8,7 @@
 
 namespace sfmcpp {
 
+// By union–find, with paths halved as they are walked.
 class DisjointSets {
  public:
   // Each of the numbers below `count` by itself.
@@ -19,6 +20,7 @@ class DisjointSets {
     while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
     return i;
   }
+  // The root of j stands for both.
   void join(int i, int j) {
     const int a = root(i), b = root(j);
     parent_[a] = b;
@@ -31,10 +33,8 @@ class DisjointSets {
   int count_;
 };
 
-// Elements in groups, as observations are of cameras or points.
-
-// How many elements of the same group come before each one. Groups are in [0, num_groups).
-// Returns whether all of them are.
+// How many elements of the same group come before each one: of the observations of a camera, say.
+// False where a group is not in [0, num_groups).
 bool group_ranks(std::span<const std::int32_t> group, long num_groups, long* ranks);
 
 }  // namespace sfmcpp

@@ -1,4 +1,4 @@
-// Numbers that stand in a text, apart by white space.
+// Numbers as text: those that stand in one, apart by white space, and rows of text made of columns.
 //
 // The text is cut after line ends into pieces of a fixed size, so that each piece can be read by
 // itself, on any thread, and knows its lines. Words are counted before they are read: the caller
@@ -41,10 +41,8 @@ class NumberText {
   std::vector<long> first_word_;  // of each piece, and the end
 };
 
-// Rows of text from columns of numbers.
-//
-// A number gets the shortest text that reads back to the same bits. The rows are cut into tasks of
-// a fixed size: the same text for every number of threads.
+// In a row a number gets the shortest text that reads back to the same bits. Rows are cut into
+// tasks of a fixed size: the same text for every number of threads.
 
 // Texts of at most `width` bytes each, filled up with NULs.
 struct FixedTexts {

@@ -1,10 +1,10 @@
+// The checks of a set of numbers, all told at once.
 #pragma once
 
 #include <string>
 
 namespace sfmcpp {
 
-// Collects every violation, then throws once.
 class OptionsCheck {
  public:
   // Notes "name = value: must be rule" unless `valid`.

@@ -1,11 +1,11 @@
 // How blocks of the Schur complement lie in memory.
 //
-// By itself a D×D block is kept in panels of 8, 4, 2 or 1 rows, each panel
-// column by column, so that every vector register of a panel is one load (D = 9: a panel of 8 rows
-// and one of 1).
+// By itself a D×D block is kept in panels of 8, 4, 2 or 1 rows, each panel column by column, so
+// that every vector register of a panel is one load (D = 9: a panel of 8 rows and one of 1).
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 namespace sfmcpp::linear {
 
@@ -21,6 +21,15 @@ constexpr int panel_index(int size, int row, int column) {
     width = panel_width(size - first);
   }
   return first * size + column * width + (row - first);
+}
+
+// Where the entries of a block of `size` rows lie in its panels, row after row.
+inline std::vector<int> panel_places(int size) {
+  std::vector<int> places;
+  for (int row = 0; row < size; ++row) {
+    for (int column = 0; column < size; ++column) places.push_back(panel_index(size, row, column));
+  }
+  return places;
 }
 
 // A block within a matrix stored by columns: entry (r, c) at first + c · stride + r.

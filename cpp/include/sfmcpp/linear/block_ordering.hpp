@@ -2,8 +2,6 @@
 // factorisation in that order costs. Everything here counts blocks, not scalars.
 #pragma once
 
-#include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "sfmcpp/linear/elimination_tree.hpp"

@@ -73,8 +73,8 @@ bool factor_panel(const CholeskyKernels& kernels,
 // in place. Rows are padded to whole strips, the leading dimension to an odd number of cache lines
 // (a power of two would map whole rows to a few sets of the cache).
 //
-// The factorisation is our own because OpenBLAS' threads spin against ours,
-// and tiles of its single-threaded calls gained nothing from a second thread.
+// The factorisation is our own because OpenBLAS' threads spin against ours, and tiles of its
+// single-threaded calls gained nothing from a second thread.
 class DenseCholesky {
  public:
   explicit DenseCholesky(int size, const CholeskyKernels& kernels = cholesky_kernels());
@@ -92,7 +92,7 @@ class DenseCholesky {
   // False if the matrix is not positive definite.
   bool factorize(ThreadPool& pool);
   // x ← A⁻¹ x.
-  void solve(std::span<double> x);
+  void solve(std::span<double> x) const;
   // The same for every column.
   void solve(Eigen::MatrixXd& x, ThreadPool& pool) const;
   double log_determinant() const;

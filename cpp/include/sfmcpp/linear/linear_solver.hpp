@@ -2,7 +2,7 @@
 //   dense      S formed, dense Cholesky
 //   sparse     S formed, sparse Cholesky on the analysed block pattern
 //   iterative  conjugate gradients; S in blocks of single precision where that costs less than to
-//   multiply from the Jacobian, else never formed
+//              multiply from the Jacobian, else never formed
 #pragma once
 
 #include <array>
@@ -11,7 +11,6 @@
 #include <optional>
 #include <string>
 #include <string_view>
-#include <utility>
 
 #include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"

@@ -9,7 +9,8 @@
 //   S_ij = [i = j] Σ Jᵀ J − Σ J_aᵀ (G_a G_bᵀ) J_b   over the points that i and j both see,
 // the right-hand side is Σ Jᵀ r̄, and δp = Mᵀ (y − Σ Gᵀ J δc).
 //
-// G and r̄ are not stored either: they follow from A|r and the factor of the point.
+// G and r̄ are not stored either: they follow from A, r and the factor of the point. A is stored
+// with r as its last column, the 2×4 matrix A|r: a record.
 //
 // J and A|r are stored in double or in single precision (precision.hpp); all else is double.
 #pragma once
@@ -20,7 +21,7 @@
 
 namespace sfmcpp::linear {
 
-// A|r of an observation (a cache line, or half of one).
+// A|r of an observation, row after row (a cache line, or half of one).
 template <class T>
 struct PointRecordOf {
   struct Row {

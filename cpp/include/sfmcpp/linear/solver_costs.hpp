@@ -31,7 +31,6 @@ enum class Work {
   kBlockProduct,
   kRegions
 };
-inline constexpr int kNumWorks = 11;
 
 }  // namespace linear
 
@@ -58,7 +57,7 @@ namespace linear {
 bool is_flops(Work work);
 
 // Amounts, or seconds a unit, of each kind of work.
-using Works = std::array<double, kNumWorks>;
+using Works = std::array<double, EnumTraits<Work>::kTable.size()>;
 
 inline double& amount_of(Works& works, Work work) { return works[static_cast<std::size_t>(work)]; }
 inline double amount_of(const Works& works, Work work) {
@@ -124,7 +123,8 @@ SolverForecast forecast_sparse(const SolverCounts& counts);
 // With S in blocks, or from the Jacobian alone.
 SolverForecast forecast_iterative(const SolverCounts& counts, bool with_blocks);
 
-// Seconds a unit on two threads of the machine that bench/choice.py was run on last.
+// Seconds a unit on two threads of the machine that bench/choice.py was run on last, in the order
+// of Work.
 const Works& reference_rates();
 // The same for this machine and the threads of a pool: by two measurements of a few milliseconds,
 // made once in a process.

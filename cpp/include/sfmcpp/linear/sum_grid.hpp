@@ -12,8 +12,6 @@
 // of the terms matters in the last digit.
 #pragma once
 
-#include <vector>
-
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
 

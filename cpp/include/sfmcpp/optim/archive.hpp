@@ -107,10 +107,8 @@ void restore(std::span<const double> saved, const linear::Step& like, T& object)
   archive.require_all_read();
 }
 
-// The state of a run after an iteration.
-
-// A run of the same model and the same options that starts from it goes on with the bits of one
-// that did not stop. Each rank has its own.
+// Where a run stands after an iteration: one of the same model and the same options that starts
+// from it goes on with the bits of one that did not stop. Each rank has its own.
 struct Resumption {
   State state;
   std::vector<double> numbers;  // history, and what the method and the linear solver have learned

@@ -23,14 +23,29 @@ struct ObservationBatch {
   int count;
 };
 
+// Columns of a camera block at most: those of pose and intrinsics, of the sensor of a rig, and
+// padding.
+inline constexpr int kMaxCameraColumns = 18;
+
 // Where the Jacobian of a batch goes.
 struct JacobianOutput {
   const int* free_intrinsics;  // which intrinsic parameters have a column, after those of the pose
   int num_free_intrinsics;
-  int camera_size;  // columns of a camera block, padding with zeros included
+  int camera_size;  // columns of a camera block; those that are not written here are zero
   double* camera;   // count × 2 × camera_size: ∂(projection)/∂camera / σ
-  double* point;  // count × 2 × 4: ∂(projection)/∂point / σ, and the residual in the last column
+  double* point;    // count records
 };
+
+// What a kernel writes of an observation beside the derivatives by its camera: a row for u and one
+// for v, each of three numbers ∂(projection)/∂point / σ and of the residual (linear::PointRecord).
+inline constexpr int kRecordRow = 4;
+inline constexpr int kRecordSize = 2 * kRecordRow;  // numbers
+inline constexpr int kResidualOfU = kRecordRow - 1, kResidualOfV = kRecordSize - 1;
+
+inline double squared_residual(const double* record) {
+  const double ru = record[kResidualOfU], rv = record[kResidualOfV];
+  return ru * ru + rv * rv;
+}
 
 struct ReprojectionKernels {
   // Both return how many points are not in front of the camera; their residual keeps the formula's
@@ -58,8 +73,8 @@ struct BatchCost {
 
 struct CostKernels {
   BatchCost (*cost)(const ObservationBatch&);
-  // Adds ‖r‖² of `count` records of a Jacobian (JacobianOutput::point). A batch may come in parts,
-  // all but the last a multiple of kCostLanes long: the sum has then the bits of `cost`.
+  // Adds ‖r‖² of `count` records. A batch may come in parts, all but the last a multiple of
+  // kCostLanes long: the sum has then the bits of `cost`.
   void (*add_squares)(int count, const double* records, SumOfSquares& sum);
 };
 
@@ -101,7 +116,6 @@ struct PlaceBatch {
 };
 
 struct PlaceKernel {
-  // Records of eight numbers (JacobianOutput::point).
   void (*linearize)(const PlaceBatch&, double* records);
 };
 

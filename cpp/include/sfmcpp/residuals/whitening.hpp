@@ -56,9 +56,9 @@ struct Whiteners {
   std::vector<double> shear, stretch;  // empty where all Σ = σ²I
 };
 
-// What the kernels computed with 1/σ_u alone, turned into what L gives: residuals, or records of
-// the Jacobian, of `count` observations.
+// What the kernels computed with 1/σ_u alone, turned into what L gives: residuals, or their
+// Jacobian, of `count` observations.
 void whiten(const WhitenerShapes& shapes, int count, const double* ru, double* rv);
-void whiten(const WhitenerShapes& shapes, int count, const JacobianOutput& records);
+void whiten(const WhitenerShapes& shapes, int count, const JacobianOutput& jacobian);
 
 }  // namespace sfmcpp::residuals

@@ -319,6 +319,14 @@ def test_intrinsics_are_found_beside_sensors_up_to_six() -> None:
         sfmcpp.solve(problem)
 
 
+@pytest.mark.parametrize("free", [("f",), ("f", "k1", "k2")])
+def test_bal_cameras_have_room_for_sensors_beside_intrinsics(free: tuple[str, ...]) -> None:
+    truth = scene(camera_model="bal", pixel_sigma_px=0.2)
+    problem = sfmcpp.perturb(started(truth), focal_sigma=0.01, seed=4).set_free_intrinsics(*free)
+    assert sfmcpp.solve(problem).converged
+    np.testing.assert_allclose(problem.intrinsics[:, 0], truth.intrinsics[:, 0], rtol=5e-3)
+
+
 def test_flags_of_another_length_or_kind_are_refused() -> None:
     for flags in (np.ones(2, bool), np.ones(3)):
         with pytest.raises(InvalidArgument, match=r"rigs.free_sensors: .* must be bool of shape \(3,\)"):

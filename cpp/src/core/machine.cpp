@@ -1,4 +1,4 @@
-#include "sfmcpp/core/memory_limit.hpp"
+#include "sfmcpp/core/machine.hpp"
 
 #include <algorithm>
 #include <array>

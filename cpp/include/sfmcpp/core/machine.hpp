@@ -1,4 +1,4 @@
-// How much memory there is for this process.
+// The machine that this process runs on.
 #pragma once
 
 namespace sfmcpp {
