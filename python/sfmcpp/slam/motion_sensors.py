@@ -385,6 +385,10 @@ class Ins:
         return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
 
 
+# Sensors whose stream can be extended, shifted and corrected.
+STAMPED = (Odometer, Gyroscope, Gps, Ins)
+
+
 def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:
     told, kept = len(stream), len(reachable)
     if told == kept:

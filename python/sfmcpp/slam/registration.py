@@ -248,7 +248,7 @@ def _fit_by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: i
 
 def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
     """Fit to positions; on a straight way the camera is taken to be upright."""
-    gps = next(sensor for sensor in sensors.sensors if isinstance(sensor, Gps))
+    gps = sensors.of_type(Gps)[0]
     rotation = np.eye(3)
     for _ in range(_ROUNDS):
         at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes]
@@ -270,7 +270,7 @@ def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, cou
     distances = np.array([d for d in found if d is not None])
     if len(last) < count or len(distances) < len(found):
         return None
-    sigma_m = max(s.sigma_m or 0.0 for s in sensors.sensors if isinstance(s, Odometer))
+    sigma_m = max(odometer.sigma_m or 0.0 for odometer in sensors.of_type(Odometer))
     if not distances.sum() > sigma_m * np.sqrt(len(distances)) / LARGEST_RELATIVE_SIGMA:
         return None
     poses = np.stack([k.pose for k in last])
