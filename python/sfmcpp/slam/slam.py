@@ -42,9 +42,9 @@ from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.track_numbers import TrackNumbers
 from sfmcpp.slam.world_map import WorldMap
 
-# No lens squeezes an image a tenth as much: a larger aspect, fy / fx, is a focal length.
+# A larger aspect, fy / fx, is a focal length given in its place: no lens comes near it.
 _LARGEST_ASPECT = 20.0
-# Keyframes after which faults of the sensors so far are told.
+# Every so many keyframes the warnings are updated with the faults of the sensors so far.
 _EVERY = 8
 
 
@@ -106,7 +106,7 @@ class Slam:
         # The frames from the last keyframe on, and this one.
         self._lately: list[Frame] = []
         self._tracks = TrackNumbers()
-        # What the warnings say of sensors so far; it is told anew at the end.
+        # Warnings of faults of sensors so far, which later ones replace.
         self._told: list[str] = []
 
     def state(self) -> State:
@@ -326,7 +326,7 @@ class Slam:
         self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
 
     def _tell(self, faults: list[str]) -> None:
-        """Put faults of the sensors in the place of those that were told before."""
+        """Replace the warnings of faults of sensors that were given before."""
         self.result.warnings = [told for told in self.result.warnings if told not in self._told] + faults
         self._told = faults
 
