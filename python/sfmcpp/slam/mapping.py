@@ -67,7 +67,7 @@ def adjust(world: WorldMap, settings: SlamSettings) -> Summary | None:
 def solve_live(problem: Problem, constraints: Sequence[ConstraintGroup], loss: tuple[Loss, float]) -> Summary:
     """Adjust a problem as far as it is worth between two frames: ten steps, or four digits of the cost.
 
-    `loss` is that of the images and its scale [px]. One thread is faster than several on problems so small.
+    `loss` is that of the images and its scale [px].
     """
     name, scale_px = loss
     return solve(

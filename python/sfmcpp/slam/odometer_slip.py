@@ -37,7 +37,7 @@ _LEAST_STEP_M = 0.05
 # standard deviation of a pixel for each, steps scatter about the odometers of 0001, 0027, 0036 and 0039 as
 # their covariance says.
 _LOSS, _LOSS_PX = ROBUST_LOSS
-# Of the solve: as exact as the linear model that is made at its optimum.
+# Tolerance and iterations of the solve, at whose optimum the linear model is made.
 _TOLERANCE, _MOST_STEPS = 1e-8, 100
 # Share of its diagonal that makes a nearly singular normal matrix invertible.
 _RIDGE = 1e-9
