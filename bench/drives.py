@@ -24,22 +24,20 @@ import argparse
 import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
-from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from experiments.altered_drives import ALTERED
+from experiments.description import Row
 from experiments.drives import median, run_setting
-from experiments.inputs import TUNING, Lie, dead_reckoning, moved
-from experiments.real_problems import data_folder
+from experiments.faults import Lie
+from experiments.inputs import PROCESSES, TUNING, dead_reckoning, moved
+from experiments.real_drives import read, with_blackout
 from experiments.text_table import text_table
 
-from sfmcpp.model import SensorStream, Trajectory
-from sfmcpp.sources.frames import open_images
-from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
+from sfmcpp.model import Trajectory
+from sfmcpp.sources.io.kitti_mat import KittiDrive
 from sfmcpp.study.evaluation import Evaluation, evaluate
 
 REPORTING = ("0005", "0051", "0095", "0020", "clip")
@@ -55,7 +53,7 @@ DISTANCES = {"distances": ["odometer"], "distances, imu": ["odometer", "imu"]}
 STEREO = {"stereo": [], "stereo, both": ["velocity", "imu"]}
 ALL = {**SENSORS, **DISTANCES, **STEREO}
 DEAD = "dead reckoning"
-PROCESSES = 2
+# The fields of `Lie` by the words of the command line.
 _LIES = {
     "bias": "bias_deg_s",
     "slip": "factor",
@@ -63,7 +61,6 @@ _LIES = {
     "clock": "clock_s",
     "mounting": "mounting_deg",
 }
-Row = dict[str, Any]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -77,8 +74,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = list(pool.map(run, asked, [options] * len(asked)))
     print(table(found, drives))
     if args.out:
-        rows = [{key: value for key, value in row.items() if key != "trajectory"} for row in found]
-        args.out.write_text(json.dumps(rows))
+        write_runs(args.out, found)
+
+
+def write_runs(path: Path, found: Sequence[Row]) -> None:
+    """Write all runs as JSON, without their trajectories."""
+    rows = [{key: value for key, value in row.items() if key != "trajectory"} for row in found]
+    path.write_text(json.dumps(rows))
 
 
 def table(found: Sequence[Row], drives: Sequence[str]) -> str:
@@ -145,81 +147,8 @@ def run(asked: tuple[str, str, int], options: Row) -> Row:
     return row
 
 
-@cache
-def read(name: str) -> KittiDrive:
-    """Read a drive by the number in its name, or the clip; or make another of it."""
-    name, _, change = name.partition("@")
-    if change:
-        return ALTERED[change](read(name))
-    name, _, part = name.partition(":")
-    if part:
-        return _part(read(name), *map(int, part.split("/")))
-    if name == "clip":
-        return _clip()
-    (file,) = sorted((data_folder() / "kitti_tracks").glob(f"*_drive_{name}_*.mat"))
-    return read_kitti_mat(file)
-
-
-def _part(whole: KittiDrive, number: int, parts: int) -> KittiDrive:
-    """One of as many equal parts, numbered from 1: what is seen and measured from its first frame on."""
-    begin, end = (len(whole.t_s) * k // parts for k in (number - 1, number))
-    kept = (whole.frame_index >= begin) & (whole.frame_index < end)
-    truth, first_s = whole.truth, whole.t_s[begin]
-    streams = {name: _from(getattr(whole, name), first_s) for name in ("velocity", "angular_rate")}
-    return replace(
-        whole,
-        t_s=whole.t_s[begin:end],
-        frame_index=whole.frame_index[kept] - np.int32(begin),
-        track_index=whole.track_index[kept],
-        left_px=whole.left_px[kept],
-        right_px=whole.right_px[kept],
-        truth=Trajectory(truth.t_s[begin:end], truth.poses[begin:end]),
-        **streams,
-    )
-
-
-def _from(stream: SensorStream, first_s: float) -> SensorStream:
-    kept = stream.t_s >= first_s
-    return SensorStream(stream.t_s[kept], stream.values[kept], stream.kind, stream.name)
-
-
-def _clip() -> KittiDrive:
-    """The first frames of 0020 with tracks of their images."""
-    whole = read("0020")
-    images, _ = open_images(data_folder() / "kitti_clip/image_l")
-    views = [frame.view for frame in images]
-    kept = slice(0, len(views))
-    pixels = np.concatenate([view.pixels for view in views])
-    return replace(
-        whole,
-        t_s=whole.t_s[kept],
-        frame_index=np.repeat(np.arange(len(views), dtype=np.int32), [len(view.tracks) for view in views]),
-        track_index=np.concatenate([view.tracks for view in views]).astype(np.int32),
-        left_px=pixels,
-        right_px=np.full_like(pixels, np.nan),
-        truth=Trajectory(whole.truth.t_s[kept], whole.truth.poses[kept]),
-    )
-
-
-def with_blackout(drive: KittiDrive, seconds: float) -> KittiDrive:
-    """Take away what is seen in the middle of the drive; tracks on both sides are different ones."""
-    middle, half = drive.t_s[len(drive.t_s) // 2], seconds / 2
-    t_s = drive.t_s[drive.frame_index]
-    kept = np.abs(t_s - middle) > half
-    tracks = drive.track_index + np.where(t_s > middle, drive.num_tracks, 0).astype(np.int32)
-    if not seconds:
-        return drive
-    return replace(
-        drive,
-        frame_index=drive.frame_index[kept],
-        track_index=tracks[kept],
-        left_px=drive.left_px[kept],
-        right_px=drive.right_px[kept],
-    )
-
-
 def lie_of(drive: KittiDrive, wrong: dict[str, float]) -> Lie | None:
-    """What is wrong, over the second fifth of the run or throughout."""
+    """The faults of the command line, over the second fifth of the run or throughout."""
     if not wrong:
         return None
     seconds = float(drive.t_s[-1] - drive.t_s[0])

@@ -13,17 +13,17 @@ turned about the vertical by 5° are wrong all the time, and the same for both s
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+from experiments.description import Row
 from experiments.drives import median
+from experiments.inputs import PROCESSES
 from experiments.text_table import text_table
 
-from drives import PROCESSES, assignment, over_none, run
+from drives import assignment, over_none, run, write_runs
 
 PARTS = ("0001", "0027:1/2", "0027:2/2", "0036:1/2", "0036:2/2", "0039:1/3", "0039:2/3", "0039:3/3")
 SENSORS = ("imu", "odometer", "both")
@@ -37,9 +37,8 @@ LIES: dict[str, dict[str, float]] = {
     **{f"clock {late_s}": {"clock": late_s} for late_s in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)},
     **{f"mounting {angle_deg}": {"mounting": angle_deg} for angle_deg in (-5.0, 5.0)},
 }
-# Of what is not here all sensors are wrong.
-_OF_ONE = {"bias": "odometer", "slip": "imu"}
-Row = dict[str, Any]
+# The sensor that a fault does not touch; all others are faults of both.
+_UNTOUCHED = {"bias": "odometer", "slip": "imu"}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -50,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         (lie, drive, sensors, seed)
         for lie in args.lies
         for sensors in SENSORS
-        if sensors != next((_OF_ONE[wrong] for wrong in LIES[lie] if wrong in _OF_ONE), None)
+        if sensors not in (_UNTOUCHED.get(wrong) for wrong in LIES[lie])
         for drive in args.drives
         for seed in range(args.seeds)
     ]
@@ -58,8 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = list(pool.map(partial(_run, slam=dict(args.slam)), asked))
     print(text_table(["lie", *(f"{s} {what}" for s in SENSORS for what in WHAT)], table(found, args.lies)))
     if args.out:
-        rows = [{key: value for key, value in row.items() if key != "trajectory"} for row in found]
-        args.out.write_text(json.dumps(rows))
+        write_runs(args.out, found)
 
 
 WHAT = ("median", "worst", "at", "named")

@@ -43,7 +43,7 @@ def backwards(drive: KittiDrive) -> KittiDrive:
     truth = Trajectory(t_s, drive.truth.poses[::-1].copy())
     order = np.lexsort([drive.track_index, last - drive.frame_index])
     seen = replace(drive, frame_index=last - drive.frame_index)
-    return replace(_rows(seen, order), t_s=t_s, truth=truth, **streams)
+    return replace(rows_of(seen, order), t_s=t_s, truth=truth, **streams)
 
 
 def at_half_rate(drive: KittiDrive) -> KittiDrive:
@@ -61,7 +61,7 @@ def with_lost_frames(drive: KittiDrive) -> KittiDrive:
 def with_half_the_tracks(drive: KittiDrive) -> KittiDrive:
     """Half of the tracks, at random."""
     kept = np.random.default_rng(0).random(drive.num_tracks) < _HALF
-    return _rows(drive, np.flatnonzero(kept[drive.track_index]))
+    return rows_of(drive, np.flatnonzero(kept[drive.track_index]))
 
 
 def with_noisy_pixels(drive: KittiDrive) -> KittiDrive:
@@ -129,12 +129,12 @@ def _seen_at(drive: KittiDrive, at_s: FloatArray) -> KittiDrive:
 
 def _frames(drive: KittiDrive, kept: np.ndarray) -> KittiDrive:
     number = (np.cumsum(kept) - 1).astype(np.int32)
-    some = _rows(drive, np.flatnonzero(kept[drive.frame_index]))
+    some = rows_of(drive, np.flatnonzero(kept[drive.frame_index]))
     truth = Trajectory(drive.t_s[kept], drive.truth.poses[kept])
     return replace(some, t_s=drive.t_s[kept], frame_index=number[some.frame_index], truth=truth)
 
 
-def _rows(drive: KittiDrive, rows: np.ndarray) -> KittiDrive:
+def rows_of(drive: KittiDrive, rows: np.ndarray) -> KittiDrive:
     """Some of the observations, in that order."""
     names = ("frame_index", "track_index", "left_px", "right_px")
     return replace(drive, **{name: getattr(drive, name)[rows] for name in names})

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from experiments import summaries
 from experiments.description import Experiment, Row
+from experiments.faults import Lie
 from experiments.inputs import (
     Drive,
     Input,
-    Lie,
     dead_reckoning,
     has_odometer,
     mounting_of,
@@ -55,6 +55,7 @@ COLUMNS = (
     "end_rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted", "runs", "failed",
 )  # fmt: skip
 ALONE = "alone"
+# Shorter steps tell no scale.
 MIN_STEP_M = 0.05
 
 
@@ -85,7 +86,7 @@ def sensors_on_drives(experiment: Experiment) -> Report:
 
 
 def report_of(rows: list[Row], summed_up: list[Row], figure: Figure) -> Report:
-    """Print what is summed up, in the columns that say something; keep all."""
+    """Print the summaries, without empty columns; the file has all rows."""
     said = [name for name in COLUMNS if any(row.get(name) not in (None, []) for row in summed_up)]
     return Report(NOTES, ("drive", "label"), said, [*rows, *summed_up], figure, printed=summed_up)
 
@@ -112,13 +113,13 @@ def _runs_on(item: Input, settings: Row) -> list[Run]:
 
 
 def _can(drive: Drive, line: Row) -> bool:
-    """Whether the drive has what a line asks for: a walk has no odometer."""
+    """Whether the drive has the sensors of a line: a walk has no odometer."""
     needs_odometer = "dead_reckoning" in line or "odometer" in line.get("sensors", [])
     return has_odometer(drive) or not needs_odometer
 
 
 def _line(line: Row, settings: Row, seed: int) -> Row:
-    """With the sensors and SLAM settings that hold for all lines; the first is without sensors."""
+    """A line with the sensors and SLAM settings that hold for all lines; the first has no sensors."""
     sensors = [] if line["label"] == ALONE else settings.get("sensors", [])
     slam = {"seed": seed, **settings.get("slam", {}), **line.get("slam", {})}
     return {"sensors": sensors, **line, "slam": slam}

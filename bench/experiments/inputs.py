@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,8 +13,8 @@ from typing import TypeVar
 import numpy as np
 
 from experiments.description import Experiment, ExperimentError
+from experiments.faults import Flaws, Lie
 from experiments.real_problems import data_folder
-from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting, measured_at, orientations, pose_stream_values, rotation_increment
@@ -28,28 +28,30 @@ Drive = KittiDrive | SyntheticDrive
 KITTI = "KITTI"
 # Settings are chosen on these drives alone; all others are for reporting.
 TUNING = ("0001", "0027", "0036", "0039")
+# Noise that tells runs of a real drive apart, and changes nothing else.
 MOVED_PX = 1e-6
 PROCESSES = 2
 Found = TypeVar("Found")
+# White noise of simulated positions and poses.
 GPS_SIGMA_M, INS_SIGMA_M, INS_SIGMA_RAD = 1.0, 0.3, 0.003
 
 
 @dataclass(frozen=True, eq=False)
 class Input:
-    """A drive yet to be made, what it is called, and with which others it is summed up.
+    """A drive that is yet to be made, its name, and the groups in which it is summed up.
 
     Attributes
     ----------
     name : str
-        Runs of one drive share it.
+        The same for all runs of a drive.
     groups : tuple of str
-        What it counts in.
+        Groups of drives to which it belongs.
     seed : int
-        Of the scene and its noise, or of what moves the pixels of a real drive.
+        Seed of the scene and its noise, or of the noise that moves the pixels of a real drive.
     make : callable
-        Makes it.
+        Makes the drive.
     loop_seed : int
-        Of the random samples of SLAM on it.
+        Seed of the random samples of SLAM.
     """
 
     name: str
@@ -59,69 +61,15 @@ class Input:
     loop_seed: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class Lie:
-    """What is wrong with sensors: for a while, or all the time.
-
-    Attributes
-    ----------
-    start_s, seconds : float
-        When it is, from the first sample on, and how long [s].
-    factor : float
-        Speeds are multiplied by it then …
-    smooth : bool
-        … all at once, or little by little, up to it in the middle and back.
-    bias_deg_s : float
-        Added to yaw rates then [deg/s].
-    clock_s : float
-        Stamps are late by so much all the time [s].
-    mounting_deg : float
-        The camera is turned about the body's z axis by so much from what is declared, all the time [deg].
-    """
-
-    start_s: float
-    seconds: float
-    factor: float = 1.0
-    smooth: bool = False
-    bias_deg_s: float = 0.0
-    clock_s: float = 0.0
-    mounting_deg: float = 0.0
-
-    def during(self, t_s: np.ndarray, first_s: float) -> np.ndarray:
-        """Which of the stamps it covers."""
-        return np.asarray((t_s - first_s >= self.start_s) & (t_s - first_s < self.start_s + self.seconds))
-
-    def strength(self, t_s: np.ndarray) -> np.ndarray:
-        """From 0 to 1 at each of the stamps of a stream."""
-        during = self.during(t_s, t_s[0])
-        if not self.smooth:
-            return during.astype(float)
-        return during * np.sin(np.pi * (t_s - t_s[0] - self.start_s) / self.seconds) ** 2
-
-    def spoil(self, stream: SensorStream) -> SensorStream:
-        """The stream of speeds or rates as it is given."""
-        values, strength = stream.values.copy(), self.strength(stream.t_s)
-        if stream.kind == "angular_rate":
-            values[:, 2] += np.radians(self.bias_deg_s) * strength
-        else:
-            values *= 1 + (self.factor - 1) * strength[:, None]
-        return SensorStream(stream.t_s + self.clock_s, values, stream.kind, stream.name)
-
-    def misplace(self, mounting: Mounting) -> Mounting:
-        """The mounting as it is declared."""
-        turned = so3.exp(np.radians(self.mounting_deg) * np.array([0.0, 0.0, 1.0]))
-        return Mounting(mounting.camera_from_body @ turned, mounting.lever_arm_m)
-
-
 _HONEST = Lie(0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class TurnSensor:
-    """Rotations as in the thesis: they constrain keyframes and do nothing else.
+    """Rotations that constrain keyframes and nothing else, as in the thesis.
 
-    The error is that of a matrix of rotation, the thesis' ε^{k,dR}, as in its table 5.2 and figure 5.21: for
-    the same σ, λ is 1.22 times that of the logarithm. Starts and resections are left to the images.
+    Their error is that of rotation matrices, ε^{k,dR} of thesis table 5.2 and figure 5.21: for the same σ, λ
+    is 1.22 times that of the logarithm. Starts and resections do not use them.
     """
 
     stream: SensorStream
@@ -136,41 +84,11 @@ class TurnSensor:
         return Measurement(self.name, "displacement-rotation", self.mounting.camera_rotation(turn), None)
 
 
-@dataclass(frozen=True)
-class Flaws:
-    """What is wrong with measured orientations, beside their own noise.
-
-    Attributes
-    ----------
-    sigma_deg : tuple of float
-        Standard deviation of white noise about each axis, over as many equal stretches of the run [deg].
-    clock_s : float
-        Its clock is late by so much [s].
-    mounting_deg : float
-        Its axes are turned by so much, about a direction of chance [deg].
-    """
-
-    sigma_deg: Sequence[float] = (0.0,)
-    clock_s: float = 0.0
-    mounting_deg: float = 0.0
-
-    def spoil(self, stream: SensorStream, seed: int) -> SensorStream:
-        """The stream as such a sensor would have given it."""
-        rng = np.random.default_rng([seed, 1])
-        axis = rng.standard_normal(3)
-        turned = so3.exp(np.radians(self.mounting_deg) * axis / np.linalg.norm(axis))
-        stretch = np.arange(len(stream)) * len(self.sigma_deg) // len(stream)
-        sigmas = np.radians(np.asarray(self.sigma_deg)[stretch])[:, None]
-        noise = so3.exp(sigmas * rng.standard_normal((len(stream), 3)))
-        spoilt = so3.log(so3.exp(stream.values) @ turned @ noise)
-        return SensorStream(stream.t_s + self.clock_s, spoilt, stream.kind, stream.name)
-
-
 def inputs_of(experiment: Experiment) -> Iterator[Input]:
     """The drives of an experiment: its files, or patterns of them, then those of ``settings.synthetic``.
 
-    Each file is run ``settings.runs_of_a_file`` times, once by default, with pixels moved by next to nothing
-    and other random samples: moved pixels alone change no figure of four digits.
+    Each file is run ``settings.runs_of_a_file`` times, once by default, with pixels moved by `MOVED_PX` and
+    other random samples: moved pixels alone change no figure of four digits.
     Synthetic drives are one for each seed, with every one of ``settings.flaws`` (arguments of :class:`Flaws`,
     and a `label`).
     """
@@ -188,14 +106,14 @@ def inputs_of(experiment: Experiment) -> Iterator[Input]:
 
 
 def on_all_inputs(experiment: Experiment, measure: Callable[[Input], Found]) -> list[tuple[Input, Found]]:
-    """What is measured of each of the inputs, in their order, two at a time."""
+    """Measure every input, `PROCESSES` at a time; the inputs and what was found, in order."""
     inputs = list(inputs_of(experiment))
     with ProcessPoolExecutor(PROCESSES) as pool:
         return list(zip(inputs, pool.map(measure, inputs), strict=True))
 
 
 def drive_files(experiment: Experiment) -> list[Path]:
-    """The files of an experiment, each of which may be a pattern of several."""
+    """The data files of an experiment, which may name them by patterns."""
     found = [path for pattern in experiment.files for path in sorted(data_folder().glob(pattern))]
     if len(found) < len(experiment.files):
         raise ExperimentError(f"{data_folder()}: {', '.join(experiment.files)} are not all there")
@@ -228,15 +146,15 @@ def mounting_of(drive: Drive) -> Mounting:
 def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSensor:
     """Make ``odometer``, ``velocity``, ``imu``, ``rotation`` (:class:`TurnSensor`), ``gps`` or ``ins``.
 
-    The first tells distances alone, as in the thesis; the second directions, too, where the drive has them.
+    The first measures distances only, as in the thesis; the second also directions, if the drive has them.
     The last two are simulated from the truth, at every image, with white noise.
     """
-    told = lie or _HONEST
+    faults = lie or _HONEST
     if name in ("odometer", "velocity"):
-        mounting, directions = told.misplace(mounting_of(drive)), name == "velocity"
-        return Odometer(told.spoil(_velocity(drive)), mounting=mounting, directions=directions)
+        mounting, directions = faults.misplace(mounting_of(drive)), name == "velocity"
+        return Odometer(faults.spoil(_velocity(drive)), mounting=mounting, directions=directions)
     if name == "imu":
-        return Gyroscope(told.spoil(drive.angular_rate), told.misplace(mounting_of(drive)))
+        return Gyroscope(faults.spoil(drive.angular_rate), faults.misplace(mounting_of(drive)))
     if name in ("gps", "ins"):
         return _absolute(drive, name)
     return TurnSensor(rotation_stream(drive), mounting_of(drive))
@@ -254,12 +172,12 @@ def _absolute(drive: Drive, name: str) -> MotionSensor:
 
 
 def rotation_stream(drive: Drive) -> SensorStream:
-    """The best that a drive has on its orientations: its navigation system, or its gyro."""
+    """Orientations of a synthetic drive; angular rates of a real one, which has none."""
     return drive.orientation if isinstance(drive, SyntheticDrive) else drive.angular_rate
 
 
 def moved(drive: KittiDrive, seed: int) -> KittiDrive:
-    """The drive itself for seed 0, else with its pixels moved by next to nothing."""
+    """The drive itself for seed 0, else with noise of `MOVED_PX` on its pixels."""
     if not seed:
         return drive
     noise = np.random.default_rng(seed).normal(0.0, MOVED_PX, drive.left_px.shape)
@@ -267,7 +185,7 @@ def moved(drive: KittiDrive, seed: int) -> KittiDrive:
 
 
 def dead_reckoning(drive: Drive) -> Trajectory:
-    """Integrate velocity and rate, without a camera, up to where both are measured."""
+    """Path of the camera by velocity and angular rate, without images, as far as both are measured."""
     velocity = _velocity(drive)
     times = drive.t_s[(drive.t_s <= velocity.t_s[-1]) & (drive.t_s <= drive.angular_rate.t_s[-1])]
     rotations = orientations(drive.angular_rate, times)
@@ -280,7 +198,7 @@ def dead_reckoning(drive: Drive) -> Trajectory:
 
 
 def has_odometer(drive: Drive) -> bool:
-    """Whether anything measures its way."""
+    """Whether the drive has speeds or velocities."""
     return isinstance(drive, KittiDrive) or drive.odometer is not None
 
 

@@ -251,9 +251,9 @@ class Pass {
   }
 
   void fit_here() {
-    places_.clear();
+    places_.resize(size_ * points_.size());
     for (std::size_t i = 0; i < points_.size(); ++i)
-      places_.insert(places_.end(), place_in(state_, i), place_in(state_, i) + size_);
+      std::copy_n(place_in(state_, i), size_, places_.data() + size_ * i);
     views_.fit(kernel_, places_, here_);
   }
 

@@ -36,7 +36,7 @@ from sfmcpp.sensors.registration import (
     register_by_poses,
     register_by_positions,
 )
-from sfmcpp.sensors.rotation_check import RotationCheck, Turn, check_rotations, check_turns
+from sfmcpp.sensors.rotation_check import RotationCheck, check_rotations, check_turns
 from sfmcpp.sensors.slip import Slip, find_slip, is_easier_without, without_slip
 from sfmcpp.sensors.stream import (
     describe_coverage,
@@ -47,6 +47,7 @@ from sfmcpp.sensors.stream import (
     measured_at,
     predict_pose,
 )
+from sfmcpp.sensors.turn import Turn
 
 __all__ = [
     "MOST_TURNS",

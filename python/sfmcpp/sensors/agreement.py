@@ -21,18 +21,25 @@ from sfmcpp.sensors.gps import local_positions
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2, travelled_distance
 from sfmcpp.sensors.stream import measured_at, segments
 
-# Units are wrong by 3.6 and more; two honest sensors differ by less than this.
+# Wrong units are factors of 3.6 and more; two honest sensors differ by less than this.
 LARGEST_RATIO = 2.0
-_WAYS = ("speed", "distance", "velocity", "position", "pose")
-_TURNS = ("angular_rate", "orientation", "pose")
-# Stretches short enough for a chord to be as long as its arc, and what they must hold to be compared.
+# Kinds of streams that measure a path, and rotations.
+_PATHS = ("speed", "distance", "velocity", "position", "pose")
+_ROTATIONS = ("angular_rate", "orientation", "pose")
+# Motions are compared over stretches so short that a chord is about as long as its arc, in which one of the
+# two sensors moves or turns by at least this; so many of them.
 _STRETCH_S = 2.0
 _LEAST_WAY_M = 10.0
 _LEAST_TURN_RAD = float(np.deg2rad(5.0))
 _FEWEST_STRETCHES, _MOST_STRETCHES = 3, 200
-# No recording lasts for months; in a piece of it so long accelerations are looked at together.
-LONGEST_S, _PIECE_S = 1e7, 1e4
-_WINDOW, _TICK_S = 10, 0.1
+# No recording lasts for months [s].
+LONGEST_S = 1e7
+# A lateral acceleration is the median over a window of ten ticks, a second; so many seconds are computed at
+# once.
+_WINDOW, _TICK_S, _PIECE_S = 10, 0.1, 1e4
+# Stamps above this count from 1970 [s]: if two are in different units, their ratio is one of these factors to
+# a thousandth.
+_EPOCH_S, _UNITS, _SAME_TIME = 1e8, (1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9), 1e-3
 
 Measure = Callable[[SensorStream, float, float], float]
 
@@ -60,16 +67,12 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
     for stream in streams:
         _require_short(stream)
     local = [local_positions(stream) if stream.kind == "geodetic" else stream for stream in streams]
-    _require_same_motion(local, _WAYS, _distance_between, _LEAST_WAY_M, "ways", "km/h, ft, mm or km")
-    _require_same_motion(local, _TURNS, _angle_between, _LEAST_TURN_RAD, "rotations", "degrees")
+    _require_same_motion(local, _PATHS, _distance_between, _LEAST_WAY_M, "ways", "km/h, ft, mm or km")
+    _require_same_motion(local, _ROTATIONS, _angle_between, _LEAST_TURN_RAD, "rotations", "degrees")
     for stream in local:
         for turning in local:
             if stream.kind in ("speed", "velocity") and turning.kind == "angular_rate":
                 _require_drivable(stream, turning)
-
-
-# Later ones count from 1970, so that the unit shows: by which factors, and to which share they must agree.
-_EPOCH_S, _UNITS, _SAME_TIME = 1e8, (1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9), 1e-3
 
 
 @checked()
@@ -98,7 +101,7 @@ def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None
 
 
 def describe_other_time(stream: SensorStream, time_s: float) -> list[str]:
-    """A sentence where a stream is more than a day from an image at `time_s` [s]: its times are others."""
+    """A sentence if a stream is more than a day from an image at `time_s` [s]: its clock is another one."""
     start_s, end_s = float(stream.t_s[0]), float(stream.t_s[-1])
     if start_s - LONGEST_PAUSE_S <= time_s <= end_s + LONGEST_PAUSE_S:
         return []

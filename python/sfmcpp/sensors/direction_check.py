@@ -1,7 +1,7 @@
-"""Clock of an odometer by directions of travel: how these change tells when, and needs no scale.
+"""Clock of an odometer by the changes of its direction of travel.
 
 In a bend, and where the body pitches, a velocity changes its direction in the body's axes, and so does the
-step of the camera between two images. The speed does not tell as much: the scale of images drifts.
+step of the camera between two images. Speeds determine the clock less well, as the scale of images drifts.
 """
 
 from __future__ import annotations
@@ -17,24 +17,28 @@ from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.rotation_check import Turn
 from sfmcpp.sensors.stream import clock_text, measured_at, require_kind
+from sfmcpp.sensors.turn import Turn, rotations_of, times_of
 
+# Clock offsets tried [s].
 _OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 _FEWEST_STEPS = 40
-# Clocks that differ by no more count as one.
+# Offsets that differ by no more count as the same [s].
 _SAME_S = 0.15
-# How much less likely all other clocks must be, as a logarithm: three standard deviations.
+# By how much the log-likelihood of all other offsets must be lower: three standard deviations.
 _MARGIN = 4.5
-# Errors beyond those that pixels make: constant ones [rad], and factors on them. The best are taken.
+# Standard deviation of a direction beyond that by the pixels [rad], and factors on the latter. The likeliest
+# are taken.
 _EXTRA_RAD, _FACTORS = np.radians([0.05, 0.1, 0.2, 0.4, 0.8]), (1.0, 1.5, 2.5)
-# Degrees of freedom of Student's distribution, and what is no direction any more [rad].
+# Degrees of freedom of Student's distribution, and the error to which larger ones are cut [rad].
 _FREEDOM, _LARGEST_ERROR_RAD = 4.0, 0.05
+# A slower body has no direction of travel.
 _SLOWEST_M_S = 0.5
-# Errors that last longer than this are those of the mounting, or of a velocity that is level where the body
-# pitches with the road [s]. Of windows from 0.2 s to none, those of 0.3 and 0.4 s determined most clocks on
-# parts of 0001, 0027, 0036 and 0039.
+# Errors that last longer than this are those of the mounting, or of a velocity that stays level while the
+# body pitches with the road [s]. Of windows from 0.2 s to none, those of 0.3 and 0.4 s determined most clocks
+# on parts of 0001, 0027, 0036 and 0039.
 _WINDOW_S = 0.35
+# Steps are compared in blocks of at most so many, as the window is a dense matrix.
 _LARGEST_BLOCK = 256
 
 
@@ -72,7 +76,7 @@ class DirectionClock:
 def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> DirectionClock:
     """Compare directions of an odometer's velocities with those of pairs of images, over offsets up to 1 s.
 
-    A mounting that is off does not matter, nor what changes slowly.
+    Errors of the mounting, and others that change slowly, do not matter.
 
     Parameters
     ----------
@@ -116,9 +120,8 @@ def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[T
 
 def _steps_at_offsets(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> FloatArray:
     """Mean velocities (offsets, n, 3) of the camera in its axes at the start, each offset added to stamps."""
-    start, end = np.array([[turn.start_s, turn.end_s] for turn in turns]).T
-    rotation = np.stack([turn.rotation for turn in turns])
-    body = mounting.camera_from_body.T @ rotation @ mounting.camera_from_body
+    start, end = times_of(turns).T
+    body = mounting.camera_from_body.T @ rotations_of(turns) @ mounting.camera_from_body
     middles = (0.5 * (start + end) - _OFFSETS_S[:, None]).ravel()
     velocities = measured_at(stream, middles).reshape(len(_OFFSETS_S), len(turns), 3)
     halfway = so3.exp(0.5 * so3.log(body))

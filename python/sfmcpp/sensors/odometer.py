@@ -12,7 +12,6 @@ from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.rotation_check import Turn
 from sfmcpp.sensors.stream import (
     interpolate_vectors,
     measured_at,
@@ -21,23 +20,24 @@ from sfmcpp.sensors.stream import (
     running_median,
     segments,
 )
+from sfmcpp.sensors.turn import Turn
 
 # Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
 LARGEST_ACCELERATION_M_S2 = 12.0
-# One change of the speed that is unlike those before and after is the sensor's: on KITTI's 0001, 0027, 0036
-# and 0039 they differ by 3.5 m/s³ at most.
-LARGEST_JERK_M_S3 = 30.0
+# An acceleration that differs by more from the median of its neighbours, two on either side, is the sensor's:
+# on KITTI's 0001, 0027, 0036 and 0039 they differ by 3.5 m/s³ at most.
+_LARGEST_JERK_M_S3 = 30.0
 _NEIGHBOURS = 2
-# Changes of the speed that its noise makes are this many standard deviations at most.
+# Noise changes the speed by this many standard deviations at most.
 _NOISE_SIGMAS = 6.0
-# Share of the speeds, at least, that tell the noise.
+# The noise is estimated from the changes that are not zero if at least this share is not.
 _VARIED = 0.1
-# A leap back undoes a leap if the speed is as before, but for what was driven meanwhile, to this share.
+# A leap undoes an earlier one if their factors on the speed agree to this share.
 _SAME = 0.15
-# Pairs of images in a row that must tell a step where it is dead, and what it moves there at most, as a share
-# of its ways between pairs: these are as far apart as the images change.
+# An odometer is dead if for so many pairs of images in a row it moves by at most this share of its usual
+# distance, the quantile `_USUAL` of all pairs.
 _FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
-# Where the body stands, a factor may change without a leap.
+# Below this speed the body stands, and the factor of an odometer may change without a leap.
 _STANDING_M_S = 0.3
 
 
@@ -210,7 +210,7 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
 
 
 def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap:
-    """The samples about a time between those that move."""
+    """The samples about a time [s] from the first to the last that does not move."""
     before_s = moving_s[moving_s < time_s].max(initial=-np.inf)
     after_s = moving_s[moving_s >= time_s].min(initial=np.inf)
     within = stream.t_s[(stream.t_s > before_s) & (stream.t_s < after_s)]
@@ -262,14 +262,14 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
         return []
     changes, period_s = np.diff(speeds), np.diff(t_s)
     # A second difference of white noise has six times its variance; a median ignores the leaps themselves.
-    # Where a speed does not change at all, it is not measured; what then is left may be leaps alone.
+    # Zeros are left out where enough is left: a speed that is repeated was not measured anew.
     bends = np.abs(np.diff(speeds, 2))
     varied = bends[bends > 0] if np.mean(bends > 0) > _VARIED else bends
     noise = 1.4826 * float(np.median(varied)) / np.sqrt(6.0)
     rates = changes / period_s
     alone = np.abs(rates - running_median(rates, _NEIGHBOURS)) * period_s
     too_fast = np.abs(changes) > LARGEST_ACCELERATION_M_S2 * period_s + _NOISE_SIGMAS * noise
-    too_sudden = alone > LARGEST_JERK_M_S3 * period_s**2 + _NOISE_SIGMAS * np.sqrt(2.0) * noise
+    too_sudden = alone > _LARGEST_JERK_M_S3 * period_s**2 + _NOISE_SIGMAS * np.sqrt(2.0) * noise
     return [int(k) for k in np.flatnonzero(too_fast | too_sudden)]
 
 

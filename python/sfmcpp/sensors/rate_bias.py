@@ -16,10 +16,11 @@ from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.rotation_check import Turn, turns_at_offsets
+from sfmcpp.sensors.rotation_check import turns_at_offsets
 from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.turn import Turn, rotations_of, times_of
 
-# Turns that are looked at: few tell nothing, and no more are needed.
+# Pairs of images used: fewer do not determine a bias, and more are not needed.
 _FEWEST, MOST_TURNS = 6, 64
 # A bias is one from so many standard deviations on, and from so much over the root of the number of turns on
 # [rad/s]: with both, in no window of the honest streams of 0001, 0027, 0036 and 0039 there was one.
@@ -27,16 +28,18 @@ _SIGMAS = 5.0
 _LEAST_RAD_S = float(np.radians(3.7))
 # No gyroscope has more; rates in a wrong unit do [rad/s].
 _LARGEST_RAD_S = float(np.radians(20.0))
-# What the images' own rotations are off by at least [rad].
+# Least standard deviation of the rotations by images [rad].
 _LEAST_ERROR_RAD = 0.001
-# A clock that is off looks like a bias where the rate changes, and wrong axes do where it does not. A bias
-# leaves this share at most of the errors that the best clock leaves, or a sensor that says nothing …
+# A clock offset looks like a bias where the rate changes, and wrong axes do where it does not. The bias must
+# leave at most this share of the errors that the best clock leaves, or that an evenly turning camera leaves …
 _SHARE_OF_OTHERS = 0.5
-# … if errors are no larger, beside the camera's turns, than wrong axes make them.
+# … the latter if the errors are, beside the camera's rotations, no larger than wrong axes make them.
 _LARGEST_RATIO = 2.0
+# Clock offsets tried [s].
 _OFFSETS_S = np.linspace(-1.0, 1.0, 41)
-# Median of the length of three standard normal numbers.
+# Median length of a vector of three standard normal numbers.
 _MEDIAN_LENGTH = 1.538
+# Rounds of reweighting.
 _ROUNDS = 6
 
 
@@ -66,7 +69,7 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
         If the stream is of another kind.
     """
     require_kind(stream, "angular_rate")
-    # Without what comes after a turn, clocks that are ahead explain nothing, and noise is taken for a bias.
+    # Clocks that are ahead need the rates after a turn: without them noise would be taken for a bias.
     reach_s = float(_OFFSETS_S[-1])
     covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s + reach_s)]
     if len(covered) < _FEWEST:
@@ -114,13 +117,15 @@ def _errors(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], offsets: FloatArray
 ) -> FloatArray:
     """Rotation vectors (offsets, n, 3) from the rotations of images to those of the stream [rad]."""
-    times = np.array([[turn.start_s, turn.end_s] for turn in turns])
-    seen = np.stack([turn.rotation for turn in turns])
-    return so3.log(np.swapaxes(seen, 1, 2) @ turns_at_offsets(stream, mounting, times, offsets))
+    told = turns_at_offsets(stream, mounting, times_of(turns), offsets)
+    return so3.log(np.swapaxes(rotations_of(turns), 1, 2) @ told)
 
 
 def _rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]:
-    """Rate (3,) that has turned by as much, and its standard deviation [rad/s]; by Cauchy's weights."""
+    """Constant rate (3,) that explains rotation vectors (n, 3), and its standard deviation [rad/s].
+
+    By iteratively reweighted least squares with Cauchy's weights.
+    """
     rates = errors / lengths_s[:, None]
     rate: FloatArray = np.median(rates, axis=0)
     for _ in range(_ROUNDS):
@@ -138,9 +143,9 @@ def _median_norm(errors: FloatArray) -> FloatArray:
 def _median_error_of_alternatives(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
 ) -> float:
-    """Median error at the best of all clocks, or beside a camera that turns evenly, if that is less [rad]."""
+    """Median error at the best clock offset, or with a camera that turns evenly if that is less [rad]."""
     by_clocks = float(_median_norm(_errors(stream, mounting, turns, _OFFSETS_S)).min())
-    seen, lengths_s = so3.log(np.stack([turn.rotation for turn in turns])), _durations_s(turns)
+    seen, lengths_s = so3.log(rotations_of(turns)), _durations_s(turns)
     if _median_norm(errors) > _LARGEST_RATIO * _median_norm(seen):
         return by_clocks
     evenly = seen - lengths_s[:, None] * _rate(seen, lengths_s)[0]

@@ -8,7 +8,7 @@ magnitudes of the rates do not correlate.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,44 +20,25 @@ from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors.inertial import rotations_at_samples
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.stream import clock_text, interpolate_rotations, require_kind
+from sfmcpp.sensors.turn import Turn, rotations_of, times_of
 
-# An offset known less well than this counts as unknown.
-LARGEST_SIGMA_S = 0.02
-# Offsets up to this cost no accuracy that could be measured on real drives.
-TOLERATED_OFFSET_S = 0.1
+# A clock offset with a larger standard deviation counts as unknown [s].
+_LARGEST_SIGMA_S = 0.02
+# Offsets up to this cost no accuracy that could be measured on real drives [s].
+_TOLERATED_OFFSET_S = 0.1
+# Fewest intervals between poses, and pairs of images, which are less noisy.
 _FEWEST_INTERVALS = 16
 _FEWEST_TURNS = 6
-# Noise of the camera's poses hides the sensor's rotations except where these are largest.
+# The share of the intervals, those with the largest rotations, in which sensor and camera are compared: in
+# the others the noise of the camera's poses is larger than the rotations.
 _LARGEST_TURNS = 0.25
+# Offsets are tried in steps of this [s].
 _STEP_S = 0.01
 _DEGREES = 180 / np.pi
-# Error over rotation: about √2 where axes are wrong, 1 where all is noise, less where the sensor is right.
+# Error over rotation: about √2 if axes are wrong, 1 if the sensor is noise only, less if it is right.
 _WRONG, _RIGHT = 1.15, 0.5
-# Smaller rotations of the camera from pose to pose are the noise of its poses, and no evidence.
+# Smaller rotations of the camera from pose to pose may be the noise of its poses, and prove nothing.
 _LEAST_TURN_RAD = float(np.radians(0.3))
-
-
-@dataclass(frozen=True, eq=False)
-class Turn:
-    """Motion of the camera between two times, from a pair of images.
-
-    Attributes
-    ----------
-    start_s, end_s : float
-        The times [s].
-    rotation : (3, 3) float64
-        Start_from_end.
-    direction : (3,) float64
-        Unit vector along the step, in the camera's axes at the start; not a number where nothing tells it.
-    covariance : (3, 3) float64
-        Of `direction`; not a number where nothing tells it.
-    """
-
-    start_s: float
-    end_s: float
-    rotation: FloatArray
-    direction: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    covariance: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
 
 
 @dataclass(frozen=True)
@@ -90,12 +71,12 @@ class RotationCheck:
     @property
     def is_determined(self) -> bool:
         """Whether the offset of the clock is known."""
-        return self.sigma_s <= LARGEST_SIGMA_S
+        return self.sigma_s <= _LARGEST_SIGMA_S
 
     @property
     def is_off(self) -> bool:
         """Whether the clock is known to be off by more than is tolerated."""
-        return self.is_determined and abs(self.offset_s) > TOLERATED_OFFSET_S + 2 * self.sigma_s
+        return self.is_determined and abs(self.offset_s) > _TOLERATED_OFFSET_S + 2 * self.sigma_s
 
     @property
     def agrees(self) -> bool:
@@ -173,8 +154,8 @@ def check_turns(
 ) -> RotationCheck:
     """Compare a sensor's rotations with those of pairs of images.
 
-    They are fewer than poses and do not hang together, but no map has followed the sensor in them: six are
-    enough where the rate changes. The unit is taken to be right.
+    They are fewer than those between poses, but independent of each other and of the map, which follows the
+    sensor: six are enough where the rate changes. The unit is taken to be right.
 
     Parameters
     ----------
@@ -198,8 +179,7 @@ def check_turns(
     covered = [t for t in turns if stream.covers(t.start_s - largest_offset_s, t.end_s + largest_offset_s)]
     if len(covered) < _FEWEST_TURNS:
         return RotationCheck(len(covered))
-    times = np.array([[turn.start_s, turn.end_s] for turn in covered])
-    seen = np.stack([turn.rotation for turn in covered])
+    times, seen = times_of(covered), rotations_of(covered)
     return _compare_with_stream(stream, 1.0, mounting, times, seen, _offsets(largest_offset_s))
 
 

@@ -12,15 +12,13 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.fusion import FEWEST, Member, grouped_constraints, pose_constraint, pose_view, usual_weights
+from sfmcpp.slam.mapping import ROBUST_LOSS, solve_live
 from sfmcpp.slam.motion_sensors import PLACE_KINDS, Measurement
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
-from sfmcpp.weighting import refine_pose, solve
-
-# Scale of Cauchy's loss, as at the end of a run.
-_LOSS_PX = 1.0
+from sfmcpp.weighting import refine_pose
 
 
 def fit_last_frames(
@@ -30,9 +28,9 @@ def fit_last_frames(
     measurements: Sequence[Measurement],
     settings: SlamSettings,
 ) -> FloatArray:
-    """Fit the pose (3, 4) of a frame between keyframes, beside sensors with the weights usual so far.
+    """Fit the pose (3, 4) of a frame between keyframes to images and sensors, at their usual weights so far.
 
-    Not where weights are as in the thesis: there sensors constrain keyframes alone.
+    It stays unless the settings trust declared σ: in the thesis sensors constrain keyframes only.
     """
     usual = [c for c in usual_weights(world, measurements) if c.weight > 0]
     images = pose_view(world, view, pose, settings)
@@ -46,22 +44,22 @@ def fit_last_frames(
 def fit_between_keyframes(
     result: SlamResult, frames: Sequence[Frame], sensors: SensorSuite, settings: SlamSettings
 ) -> None:
-    """Fit the frames between the last two keyframes together, the map and these two held.
+    """Fit the frames between the last two keyframes together, with the map and these two held.
 
-    A sensor tells steps from frame to frame much better than the way from a keyframe far back, and the new
-    keyframe holds them from the other side. On few and far points a frame by itself comes to lie metres off
-    between keyframes that do not.
+    A sensor measures steps from frame to frame much better than the motion since a keyframe far back, and the
+    new keyframe holds the frames from the other side. With few and distant points a frame fitted by itself
+    may be off by metres between keyframes that are not.
 
     Parameters
     ----------
     result : SlamResult
         The run so far; the poses of these frames move.
     frames : sequence of Frame
-        Those seen lately, in the order of time.
+        The latest frames, in the order of time.
     sensors : SensorSuite
-        What measures the steps; where nothing does, frames stay.
+        What measures the steps; without measurements frames stay.
     settings : SlamSettings
-        Frames stay where weights are as in the thesis: there sensors constrain keyframes alone.
+        Frames stay unless `trusts_declared`: in the thesis sensors constrain keyframes only.
     """
     world, path = result.world, result.path
     assert world is not None
@@ -74,19 +72,11 @@ def fit_between_keyframes(
     seeing = [stop for stop in between if len(stop.known.tracks) >= FEWEST]
     start, end = (_Stop.of(keyframe, keyframe.frame, keyframe.pose, world) for keyframe in (before, after))
     stops = [start, *seeing, end]
-    groups = grouped_constraints(_step_groups(stops, world, sensors))
+    groups = grouped_constraints(_step_members(stops, world, sensors))
     if not seeing or not groups or not settings.trusts_declared:
         return
     problem = _problem(world, stops)
-    solve(
-        problem,
-        constraints=[replace(group, loss="cauchy") for group in groups],
-        threads=1,
-        loss="cauchy",
-        loss_scale_px=_LOSS_PX,
-        max_iterations=10,
-        function_tolerance=1e-4,
-    ).require_uninterrupted()
+    solve_live(problem, [replace(group, loss=ROBUST_LOSS[0]) for group in groups], ROBUST_LOSS)
     for stop, pose in zip(seeing, problem.cameras[1:-1], strict=True):
         path.settle(stop.number, pose)
 
@@ -105,7 +95,7 @@ class _Stop:
         return cls(number, seen.t_s, pose, seen.view.only(world.knows(seen.view.tracks)))
 
 
-def _step_groups(stops: Sequence[_Stop], world: WorldMap, sensors: SensorSuite) -> Iterator[Member]:
+def _step_members(stops: Sequence[_Stop], world: WorldMap, sensors: SensorSuite) -> Iterator[Member]:
     """Constraints from each stop to the next, with the usual weights so far."""
     for k, (start, end) in enumerate(pairwise(stops)):
         rotation, previous = end.pose[:, :3], start.pose[:, :3]
@@ -118,7 +108,7 @@ def _step_groups(stops: Sequence[_Stop], world: WorldMap, sensors: SensorSuite) 
 
 
 def _problem(world: WorldMap, stops: Sequence[_Stop]) -> Problem:
-    """All stops beside the points of the map; the first and the last, and the points, are held."""
+    """The problem of all stops and the points they see; the first and last stop and the points are held."""
     views = [stop.known for stop in stops[1:-1]]
     points, index = np.unique(np.concatenate([view.tracks for view in views]), return_inverse=True)
     return Problem(

@@ -21,7 +21,8 @@ from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
 from sfmcpp.sensors import Turn
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
-from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, Path, SlamResult
+from sfmcpp.slam.path import Path
+from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
 from sfmcpp.sources.frames import FrameSource

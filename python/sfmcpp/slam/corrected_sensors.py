@@ -1,72 +1,60 @@
-"""What an odometer shows by itself, and sensors without what was wrong of them, on the right mounting."""
+"""The sensors for a second run: without the faults that the first one found, on the right mounting."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import Slip, Turn, without_slip
-from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
-
-# Those whose stream can be replaced.
-STAMPED = (Odometer, Gyroscope, Gps, Ins)
-# Jumps of a speed that are told one by one.
-_MOST_TOLD = 3
+from sfmcpp.sensors import Slip, without_slip
+from sfmcpp.slam.motion_sensors import STAMPED, Gps, Ins, MotionSensor, Odometer
+from sfmcpp.slam.sensor_faults import dead_odometers, misaligned_odometers
+from sfmcpp.slam.sensor_suite import SensorSuite
 
 
-def speed_jumps(odometer: Odometer) -> list[str]:
-    """A sentence for each stretch, one for all where there are many."""
-    stretches = odometer.doubtful_stretches
-    told = f"stream {odometer.stream.name!r}: the speed jumps by more than a vehicle can; "
-    if len(stretches) > _MOST_TOLD:
-        rule = "they are bridged by inertia or get no weight"
-        return [f"{told}in {len(stretches)} stretches, first {stretches[0]}, {rule}"]
-    return [
-        f"{told}{gap} it {'is bridged by inertia' if gap in odometer.carried_stretches else 'gets no weight'}"
-        for gap in stretches
-    ]
+def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[MotionSensor, ...] | None:
+    """The sensors as they should have been from the start.
 
-
-def camera_steps(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:
-    """Steps (n, 3) of the camera by an odometer, and their directions by the images."""
-    compared = [
-        (odometer.measure(turn.start_s, turn.end_s, turn.rotation, turn.rotation), turn) for turn in turns
-    ]
-    known = [
-        (np.asarray(measured.value)[:, 3], turn.direction)
-        for measured, turn in compared
-        if measured is not None and measured.kind == "displacement-pose" and not measured.doubtful
-    ]
-    steps, directions = np.array(known).reshape(-1, 2, 3).swapaxes(0, 1)
-    return steps, directions
-
-
-def corrected(
-    sensor: MotionSensor, stretches: Sequence[Gap], slips: Mapping[str, Slip], turns: Mapping[str, FloatArray]
-) -> MotionSensor | None:
-    """A sensor without what was wrong of it; None if nothing is left.
+    They are on the camera's clock and mounting, without biases and slips, and without what a sensor of motion
+    measured while the images contradicted it. Positions and poses keep all samples: a map drifts off them by
+    itself, and would not return without them.
 
     Parameters
     ----------
-    sensor : MotionSensor
-        As it was.
-    stretches : sequence of Gap
-        Where its samples are wrong.
-    slips : mapping of str to Slip
-        What odometers slip by, by name.
-    turns : mapping of str to (3, 3) float64
-        By what the mountings of odometers are to be turned, by name.
+    sensors : SensorSuite
+        Those of a finished run; clocks that were off are set once more.
+    vision : Trajectory
+        Rotations of the camera by the images alone, over the whole run.
 
     Returns
     -------
-    MotionSensor or None
+    tuple of MotionSensor or None
+        None where the run found nothing wrong.
     """
-    sound = _without_stretches(_without_slip(sensor, slips.get(sensor.name)), stretches)
-    return None if sound is None else _with_turned_mounting(sound, turns.get(sensor.name))
+    sensors.refine_clocks(vision)
+    turns = misaligned_odometers(sensors)
+    # A dead or slipping odometer bends the map: conflicts then say nothing against the other sensors.
+    wrong = dead_odometers(sensors, sensors.turns) or ({} if sensors.slips else _denied_stretches(sensors))
+    if not {*wrong, *turns, *sensors.moved_s, *sensors.biases, *sensors.slips}:
+        return None
+    kept = []
+    for sensor in sensors.sensors:
+        name = sensor.name
+        sound = _without_stretches(_without_slip(sensor, sensors.slips.get(name)), wrong.get(name, ()))
+        if sound is not None:
+            kept.append(_with_turned_mounting(sound, turns.get(name)))
+    return tuple(kept)
+
+
+def _denied_stretches(sensors: SensorSuite) -> dict[str, tuple[Gap, ...]]:
+    """Where the images contradict sensors of motion, by name."""
+    of_motion = [sensor.name for sensor in sensors.sensors if not isinstance(sensor, Gps | Ins)]
+    return {
+        name: (stretch,)
+        for name, known in sensors.experience.items()
+        if name in of_motion and (stretch := known.denied)
+    }
 
 
 def _with_turned_mounting(sensor: MotionSensor, turn: FloatArray | None) -> MotionSensor:
@@ -83,6 +71,7 @@ def _without_slip(sensor: MotionSensor, slip: Slip | None) -> MotionSensor:
 
 
 def _without_stretches(sensor: MotionSensor, stretches: Sequence[Gap]) -> MotionSensor | None:
+    """The sensor without the samples in some stretches; None if no sample is left."""
     if not isinstance(sensor, STAMPED):
         return sensor
     rest: SensorStream | None = sensor.stream

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.ba.adjust import continues_after
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
@@ -21,15 +20,16 @@ from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.sensors.gps import require_metres
-from sfmcpp.slam.frame_run import run_slam
+from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
 
-# Sensors that tell where the camera is in their own world.
-_LARGEST_SIGMA = 1e100  # whose square is a number, and so is that of one over it
+# Its square is finite, and that of its inverse is not zero.
+_LARGEST_SIGMA = 1e100
+# Sensors that measure where the camera is in a world of their own.
 _ABSOLUTE = {"gps", "ins"}
 
 
@@ -274,16 +274,16 @@ _MAKERS: dict[str, Callable[[str, SensorStream, Mounting | None], MotionSensor]]
 }
 
 
-# What each declares it may be off.
+# The field of each class that declares its standard deviation.
 _SIGMAS: dict[type, str] = {Odometer: "sigma_m", Gyroscope: "sigma_rad", Ins: "sigma_m", Gps: "sigma_m"}
 
 
 class _Listener:
     """Passes frames on, and remembers whether one ended the run."""
 
-    def __init__(self, callback: Callable[[int, SlamResult], object] | None) -> None:
+    def __init__(self, callback: Listener | None) -> None:
         self._callback, self.ended = callback, False
 
     def __call__(self, frame: int, result: SlamResult) -> bool:
-        self.ended = self._callback is not None and not continues_after(self._callback(frame, result))
+        self.ended = ends_run(self._callback, frame, result)
         return not self.ended

@@ -8,10 +8,11 @@ import numpy as np
 
 from sfmcpp.model import Gap
 from sfmcpp.model.weight_selection import ConflictReport
+from sfmcpp.weighting.conflict import chi_square_median
 
 # Keyframes whose innovations give a standard deviation.
 KEYFRAMES_OF_SIGMA = 6
-# It is at least this share of what sensor and images are apart: below, images say nothing of the sensor.
+# It is at least this share of what sensor and images differ by: less cannot be told from the images' noise.
 _LEAST_SHARE = 0.1
 # Fewer points than this agree on a wrong pose now and then, and say nothing against a sensor: on the tuning
 # drives, with all tracks and with a third to a half of them, an honest odometer was off by five standard
@@ -29,7 +30,7 @@ _STRONG = 64.0
 _LEADING_SIGMAS, _MARGIN_S = 1.5, 0.5
 # Honest sensors came to no more in the median of a run; where a lie lasts for half of it, it is usual itself.
 _LARGEST_USUAL = 3.0
-# Median of a normal number without its sign.
+# Median of the absolute value of a standard normal number.
 _MEDIAN_SIGMAS = 0.6745
 
 
@@ -94,9 +95,8 @@ class Experience:
 
 def _sigma_of(reports: list[ConflictReport]) -> float:
     freedom = np.array([max(report.degrees_of_freedom, 1) for report in reports])
-    # The median of a chi-square number (Wilson and Hilferty).
-    medians = freedom * (1 - 2 / (9 * freedom)) ** 3
-    apart = float(np.median([report.discrepancy**2 for report in reports] / medians))
+    squares = [report.discrepancy**2 for report in reports]
+    apart = float(np.median(squares / chi_square_median(freedom)))
     from_images = float(np.median([report.images_sigma**2 for report in reports]))
     return float(np.sqrt(max(apart - from_images, _LEAST_SHARE**2 * apart)))
 

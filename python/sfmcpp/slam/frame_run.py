@@ -28,9 +28,9 @@ def run_slam(
 ) -> SlamResult:
     """Run over all frames of a source.
 
-    A run that has found a sensor wrong, its clock, a bias, or what it says for a while, has bent its map by
-    then. It is begun again with what was right of the sensors; where that explains all, it is kept, and
-    warnings say so.
+    If the run finds a sensor wrong (its clock, a bias, its measurements for a while), that has bent the map
+    by then: it is begun again with corrected sensors. The second run is kept if it finds nothing wrong any
+    more, and warnings say so.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def run_slam(
             continue
         slam.step(frame)
         slam.result.seconds = time.perf_counter() - begin_s
-        ended = callback is not None and not continues_after(callback(frame.number, slam.result))
+        ended = ends_run(callback, frame.number, slam.result)
         checkpoints.offer(frame, slam.state(), ended)
         if ended:
             break
@@ -88,12 +88,17 @@ def run_slam(
     return slam.result
 
 
+def ends_run(callback: Listener | None, frame: int, result: SlamResult) -> bool:
+    """Tell a callback of a frame; whether it ends the run."""
+    return callback is not None and not continues_after(callback(frame, result))
+
+
 def _repeated_with_corrections(
     slam: Slam, source: FrameSource, frames: Sequence[Frame], callback: Listener | None
 ) -> Slam:
-    """The run once more, with what was right of its sensors, if it has found anything wrong.
+    """The run once more with corrected sensors, if it has found anything wrong.
 
-    It is kept where it finds nothing wrong any more: else it was the images that were, as on a motorway.
+    That is kept if it finds nothing wrong any more; otherwise the images were wrong, as on a motorway.
     """
     sensors = slam.in_hindsight() if slam.settings.hindsight else None
     if sensors is None:
@@ -101,11 +106,11 @@ def _repeated_with_corrections(
     again = Slam(source.intrinsics, slam.settings, sensors)
     for frame in frames:
         again.step(frame)
-        if callback is not None and not continues_after(callback(frame.number, again.result)):
+        if ends_run(callback, frame.number, again.result):
             return slam
     again.finish()
     if again.result.world is None or again.in_hindsight() is not None:
         return slam
-    # What streams lack in it is what was taken from them.
+    # Its own warnings are of samples that the corrections took away.
     again.result.warnings = [*slam.result.warnings, "the run was begun again without what was wrong"]
     return again

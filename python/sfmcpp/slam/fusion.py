@@ -25,11 +25,12 @@ from sfmcpp.weighting import (
     select_weights,
 )
 
-# What a track is off by where its images have not told it yet [px].
+# Standard deviation of the images where no fit has estimated it yet [px].
 _SIGMA_PX = 0.5
-# Constraints whose weights are the usual ones: a lie lasts for some, and steps are alike.
+# The usual weight of a sensor is the median of so many, the latest: a fault lasts for several keyframes, and
+# consecutive steps are alike.
 _LATELY = 5
-# Fewer observations than this leave nothing to choose a weight from.
+# With fewer observations than this no weight is chosen.
 FEWEST = 8
 
 
@@ -79,7 +80,10 @@ def fuse(
 def presumed_weights(
     world: WorldMap, keyframe: Keyframe, previous: Keyframe, measurements: Sequence[Measurement]
 ) -> list[WeightedMeasurement]:
-    """Give each measurement the weight of its declared σ beside images of usual noise; none without a σ."""
+    """Give measurements the weights of their declared σ beside images of usual noise.
+
+    Those without a σ and doubtful ones are left out.
+    """
     count = max(int(np.count_nonzero(world.knows(keyframe.view.tracks))), 1)
     return [
         WeightedMeasurement(m, declared_weight(pose_constraint(m, previous.pose), count, _SIGMA_PX))
@@ -89,15 +93,16 @@ def presumed_weights(
 
 
 def usual_weights(world: WorldMap, measurements: Sequence[Measurement]) -> list[WeightedMeasurement]:
-    """Give each measurement its sensor's weight so far, where no new one can be chosen."""
+    """Give each measurement the usual weight of its sensor so far, where no new one can be chosen."""
     return [WeightedMeasurement(m, _usual_weight(world, m)) for m in measurements]
 
 
 def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGroup]:
-    """One group per sensor, of the free keyframes in `local`: with their predecessors, if these are there.
+    """Constraints on the free keyframes in `local`, a group per sensor and kind.
 
-    A predecessor that is free and sees nothing any more says nothing of the motion from it. Beside a sum
-    over N pixels instead of their mean, a constraint counts N λ² (thesis eq. 5.3).
+    Those on the motion from the keyframe before are left out if that is not in `local`, or is free without
+    any observation. Beside a sum over N pixels instead of their mean, a constraint has the weight N λ²
+    (thesis eq. 5.3).
     """
     place = {int(k): position for position, k in enumerate(local.images)}
     count = np.bincount(local.problem.camera_index, minlength=len(place))
@@ -116,7 +121,7 @@ def constraint_groups(world: WorldMap, local: LocalProblem) -> list[ConstraintGr
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """A constraint on cameras of a problem, and the number of observations beside whose mean it counts."""
+    """A constraint on cameras of a problem, and the number N of observations that its λ refers to."""
 
     cameras: tuple[int, ...]
     constraint: WeightedMeasurement
@@ -144,7 +149,7 @@ def _group(sensor: str, kind: str, members: Sequence[Member]) -> ConstraintGroup
 
 
 def pose_view(world: WorldMap, view: View, pose: FloatArray, settings: SlamSettings) -> PoseView | None:
-    """Data for choosing weights: the inliers of a pose on the map (thesis eq. 5.15); None if few."""
+    """Inliers of a pose on the map, for the choice of weights (thesis eq. 5.15); None if they are few."""
     known, row = view.only(world.knows(view.tracks)), world.intrinsics[0]
     points, threshold_px = world.points[known.tracks], settings.resection_threshold_px
     inliers = pose_inliers(pose, points, known.pixels, row, threshold_px)
@@ -154,14 +159,17 @@ def pose_view(world: WorldMap, view: View, pose: FloatArray, settings: SlamSetti
 
 
 def _method(measurement: Measurement, settings: SlamSettings) -> str:
-    """None without a bound to choose within: a σ that is yet to be learnt."""
+    """How to choose a weight; "none", no weight, for doubtful ones, or while σ has yet to be estimated."""
     bounded = settings.weight_bounds == "declared"
     unknown = measurement.doubtful or (bounded and measurement.sigma is None)
     return "none" if unknown else settings.weights
 
 
 def _usual_weight(world: WorldMap, measurement: Measurement) -> float:
-    """Median of what this sensor was left of its declared σ lately; 1 before there is any, 0 if doubtful."""
+    """Median of the latest λ σ of the sensor over the σ of this measurement; 0 if it is doubtful.
+
+    Without earlier weights it is 1.
+    """
     if measurement.doubtful:
         return 0.0
     weights = (
@@ -179,7 +187,7 @@ def _are_groupable(one: Measurement, other: Measurement) -> bool:
 
 
 def pose_constraint(measurement: Measurement, previous: FloatArray) -> PoseConstraint:
-    """The measurement as a constraint on a pose, that of the keyframe before held fixed."""
+    """The measurement as a constraint on one pose; `previous` (3, 4), the keyframe before, is held."""
     make = partial(
         PoseConstraint,
         measurement.kind,

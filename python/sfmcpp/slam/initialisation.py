@@ -1,6 +1,6 @@
 """Initialisation of a map, or of a new part of it, from three keyframes (thesis §3.3.2).
 
-Relative pose, triangulation, resection, adjustment; then, for a new part, its place in the map.
+Relative pose, triangulation, resection, adjustment.
 """
 
 from __future__ import annotations
@@ -11,44 +11,42 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.geometry import relative_pose, relative_pose_of_rotation, so3
-from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.geometry import RelativePose, relative_pose, relative_pose_of_rotation, so3
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
 from sfmcpp.slam.calibration import remove_biases
-from sfmcpp.slam.fusion import constraint_groups, presumed_weights, usual_weights
-from sfmcpp.slam.localisation import SAME_TURN_RAD, Follower, expected_rotation, locate
-from sfmcpp.slam.mapping import drop_outliers, triangulate_new
+from sfmcpp.slam.fusion import constraint_groups, presumed_weights
+from sfmcpp.slam.localisation import RANSAC_ITERATIONS, SAME_TURN_RAD, expected_rotation, locate
+from sfmcpp.slam.mapping import LOCAL_LOSS, drop_outliers, triangulate_new
 from sfmcpp.slam.motion_sensors import Measurement
-from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
-from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 from sfmcpp.weighting import solve
 
-# Tracks run out when fewer than this many times the inliers of a pose are left.
+# With fewer shared tracks than this many times `min_inliers`, half of the usual parallax has to do.
 _RUNNING_OUT = 3
-# A rotation that a sensor tells is supported where it leaves this share of the inliers of the best pose …
+# Images support a gyroscope's rotation if its pose has this share of the inliers of their best pose …
 _SUPPORT = 0.85
-# … and of this share of the matches, where there is no such pose.
+# … and this share of the matches.
 _LEAST_SHARE = 0.7
-# A start may contradict the gyroscope after so many that were not made.
+# A start that contradicts the gyroscope is refused so many times, then accepted: the sensor may be wrong.
 _DOUBTS = 3
-# Pairs of the frames so far, and twice as many at most, that tell whether it has a bias.
-_PAIRS = 8
-# Rotations of the start that a sensor may not be off by.
+# A bias is estimated from so many of the frames so far, evenly spread, or up to twice as many.
+_FRAMES_FOR_BIAS = 8
+# Beyond so many of its standard deviations a gyroscope does not constrain a rotation of the start.
 _SAME_TURN_SIGMAS = 4.0
-# Points that left and right image must tell by themselves; some will be wrong.
+# Points that one pair of left and right images must give to start a map by itself; some will be wrong.
 _FEWEST_OF_A_PAIR = 30
-# Images deny rotations that cost them so many standard deviations in each of their freedoms. Honest ones came
-# to 4 (an error of a track lasts), a clock off by half a second to 10, where it turned the start by degrees.
+# Images contradict rotations that raise their cost by so many standard deviations per degree of freedom.
+# Honest gyroscopes came to 4, as the error of a track lasts; a clock off by half a second came to 10 where it
+# turned the start by degrees.
 _DENIED_SIGMAS = 5.0
-# Three cameras, without a similarity.
+# Degrees of freedom of three cameras up to a similarity: 18 − 7.
 _FREEDOM_OF_CAMERAS = 11
-# Frames kept while the camera stands: the oldest are given up beyond.
-_PATIENCE = 1000
+# Frames kept while the camera stands still: beyond, the oldest are dropped.
+_MOST_FRAMES = 1000
 
 
 class Initialiser:
@@ -90,7 +88,7 @@ class Initialiser:
 
     def try_frame(self, frame: Frame) -> WorldMap | None:
         """Offer the next frame; the map of the first three keyframes once there is one."""
-        self.frames = [*self.frames[-_PATIENCE:], frame]
+        self.frames = [*self.frames[-_MOST_FRAMES:], frame]
         if frame.view.right is not None and (world := self._map_of_pair(frame)) is not None:
             return world
         if len(self.frames) == 1:
@@ -139,10 +137,10 @@ class Initialiser:
         return world if self._adjusted(world) else None
 
     def _pose_of_last(self, before: FloatArray, after: FloatArray) -> FloatArray | None:
-        """Pose (3, 4) of the last frame in the first, with the gyroscope's rotation if the images agree.
+        """Pose (3, 4) of the last frame in the first, with the gyroscope's rotation if the images support it.
 
-        What contradicts it is not believed at once: a few matches often fit a wrong rotation. Nor is it left
-        aside for ever: the sensor may be wrong.
+        A pose that contradicts the gyroscope is not believed at once, as a few matches often fit a wrong
+        rotation; after some tries it is, as the sensor may be wrong.
         """
         settings, first, last = self._settings, self.frames[0], self.frames[-1]
         names = f"frames {first.number} and {last.number}"
@@ -152,7 +150,7 @@ class Initialiser:
             after,
             self._intrinsics,
             min_parallax_px=least_px,
-            max_iterations=1000,
+            max_iterations=RANSAC_ITERATIONS,
             seed=settings.seed,
         )
         self.reason = f"{names}: {free.message}"
@@ -162,9 +160,7 @@ class Initialiser:
         by_rotation = relative_pose_of_rotation(
             before, after, self._intrinsics, turn, min_inliers=settings.min_inliers, seed=settings.seed
         )
-        best = 0 if free.failure == "rotation only" else free.num_inliers
-        supported = by_rotation.num_inliers >= max(_SUPPORT * best, _LEAST_SHARE * len(before))
-        if by_rotation.success and supported and self._contradictions <= _DOUBTS:
+        if self._contradictions <= _DOUBTS and _is_supported(by_rotation, free, len(before)):
             self.reason = (
                 f"{names}: median parallax {by_rotation.median_parallax_px:.3g} px after removing the "
                 "gyroscope's rotation"
@@ -180,12 +176,12 @@ class Initialiser:
         return free.camera if angle <= SAME_TURN_RAD or self._contradictions > _DOUBTS else None
 
     def _remove_biases(self) -> bool:
-        """Whether a gyroscope contradicts because it has a bias; it has none then from now on."""
-        some = self.frames[:: max(1, len(self.frames) // _PAIRS)]
+        """Remove biases of gyroscopes that the frames so far show; whether there were any."""
+        some = self.frames[:: max(1, len(self.frames) // _FRAMES_FOR_BIAS)]
         return remove_biases(some, self._intrinsics, self._sensors, self._settings)
 
     def _constrain(self, world: WorldMap) -> None:
-        """Let the rotations that a gyroscope tells hold those of the start, weighed by what it may be off."""
+        """Constrain the rotations of the start by a gyroscope, with the weights of its declared σ."""
         for before, keyframe in pairwise(world.keyframes):
             rotation = keyframe.pose[:, :3]
             measured = self._sensors.measure(before.t_s, keyframe.t_s, rotation, metric=False)
@@ -201,7 +197,7 @@ class Initialiser:
         return world
 
     def _adjusted(self, world: WorldMap) -> bool:
-        """Adjust all three keyframes; whether images bear their rotations, and enough points are left."""
+        """Adjust the three keyframes; whether images agree with the gyroscope, and enough points are left."""
         settings = self._settings
         local = world.around(3)
         local.problem.fixed_cameras[0] = True
@@ -222,18 +218,26 @@ class Initialiser:
         return True
 
 
+def _is_supported(by_rotation: RelativePose, free: RelativePose, matches: int) -> bool:
+    """Whether a pose with the gyroscope's rotation has nearly as many inliers as the images' own pose."""
+    best = 0 if free.failure == "rotation only" else free.num_inliers
+    enough = by_rotation.num_inliers >= max(_SUPPORT * best, _LEAST_SHARE * matches)
+    return by_rotation.success and enough
+
+
 def _cost_of_images(problem: Problem, groups: Sequence[ConstraintGroup]) -> float:
-    """Adjust a problem beside constraints; the robust cost of its pixels then."""
-    summary = solve(problem, constraints=groups, threads=1, loss="huber", loss_scale_px=2.0)
+    """Adjust a problem with constraints; the robust cost of its pixels at the optimum."""
+    loss, scale_px = LOCAL_LOSS
+    summary = solve(problem, constraints=groups, threads=1, loss=loss, loss_scale_px=scale_px)
     return float(summary.final_cost - sum(after for _, after in summary.constraint_costs.values()))
 
 
 def _images_contradict(
     with_rotations: float, alone: float, problem: Problem, groups: Sequence[ConstraintGroup]
 ) -> bool:
-    """Whether images cost more beside rotations than alone by what neither noise nor correlation explains.
+    """Whether constraints on rotations raise the cost of the images by more than noise explains.
 
-    Inliers do not tell: where the view is narrow, all of them bear a turn that is off by degrees.
+    Inliers do not tell: in a narrow view all of them fit a rotation that is off by degrees.
     """
     rotations = sum(group.num_members for group in groups)
     redundancy = 2 * problem.num_observations - 3 * problem.num_points - _FREEDOM_OF_CAMERAS
@@ -247,39 +251,3 @@ def _agrees_with_gyroscope(
     turn = before.pose[:, :3].T @ keyframe.pose[:, :3]
     angle = float(so3.rotation_angle(np.asarray(measurement.value).T @ turn))
     return angle < _SAME_TURN_SIGMAS * sigma
-
-
-def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: Follower) -> None:
-    """Put a part that has just started where its frames were followed to, and into the map.
-
-    Its first keyframe stays at the pose that bridges the gap; its scale makes its way as long as the odometer
-    says, or the speed before the loss. Sensors constrain its keyframes as all others, the first one across
-    the gap: adjustments may bend what bridged it.
-
-    Parameters
-    ----------
-    result : SlamResult
-        The run; its map takes the part in.
-    part : WorldMap
-        Three keyframes of a frame and a unit of their own.
-    sensors : SensorSuite
-        What measures the motion.
-    follower : Follower
-        Tells the length of a way.
-    """
-    world = result.world
-    assert world is not None
-    lengths = [follower.length(a.t_s, b.t_s, result) for a, b in pairwise(part.keyframes)]
-    own = np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum()
-    scale = metres_per_unit(part) if world.metric else None
-    if scale is None:
-        scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
-    # The first camera of the part is its world.
-    anchor = result.poses[part.keyframes[0].frame]
-    last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]
-    for keyframe in part.keyframes:
-        rotation = anchor[:, :3] @ keyframe.pose[:, :3]
-        measured = sensors.measure(last.t_s, keyframe.t_s, rotation, metric=result.metric, previous=previous)
-        keyframe.constraints = usual_weights(world, measured)
-        last, previous = keyframe, rotation
-    world.append(part, Similarity(float(scale), anchor[:, :3], anchor[:, 3]))

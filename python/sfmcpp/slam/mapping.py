@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,23 +21,22 @@ from sfmcpp.slam.stereo import RIGID, with_right_views
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import solve
 
-# Oldest keyframes of a window that stay, so that no similarity moves it. The same with sensors and without:
-# with one alone the scale would be left to odometers, and to drift where they have no weight.
+# So many keyframes of a window are held, the oldest, so that no similarity moves it. The same with sensors
+# and without: with one alone the scale would depend on odometers, and drift where they have no weight.
 HELD_KEYFRAMES = 2
-# Matches of left and right that are wrong are gross, and many where a texture repeats: on KITTI's 0001 a
-# third of the first disparities is off by some 30 %. With Huber's loss they bend the scale.
-_LOSS: tuple[Loss, float] = ("huber", 2.0)
-_STEREO_LOSS: tuple[Loss, float] = ("cauchy", 1.0)
-# Scale of Cauchy's loss: what the local adjustments have left in the map is far beyond it.
-_LOSS_PX = 1.0
-# Digits of the cost that would be bought with what hardly any image tells.
+# Loss of the images and its scale [px], in local adjustments …
+LOCAL_LOSS: tuple[Loss, float] = ("huber", 2.0)
+# … and where errors are gross: what local adjustments have left, and right images, whose wrong matches bend
+# the scale with Huber's loss (on KITTI's 0001 a third of the first disparities is off by some 30 %).
+ROBUST_LOSS: tuple[Loss, float] = ("cauchy", 1.0)
+# Further digits of the final cost depend on directions that hardly any image determines.
 _TOLERANCE = 1e-5
-# The group of constraints that holds turns where positions do not.
+# Name of the group that holds the orientations where positions leave them open.
 _PRIOR_NAME = "as left"
 
 
 def triangulate_new(world: WorldMap, settings: SlamSettings) -> int:
-    """Give points to the tracks that recent keyframes see; how many."""
+    """Triangulate the tracks without a point that recent keyframes see; the number of new points."""
     local = world.triangulation(settings.triangulation_keyframes)
     if not local.problem.num_points:
         return 0
@@ -58,19 +58,27 @@ def adjust(world: WorldMap, settings: SlamSettings) -> Summary | None:
     groups = constraint_groups(world, local)
     hold_gauge(local, 1 if world.stereo else HELD_KEYFRAMES)
     both = with_right_views(world, local)
-    loss, scale_px = _STEREO_LOSS if world.stereo else _LOSS
-    summary = solve(
-        both.problem,
-        constraints=[*groups, *both.rigid],
+    summary = solve_live(both.problem, [*groups, *both.rigid], ROBUST_LOSS if world.stereo else LOCAL_LOSS)
+    both.take()
+    drop_outliers(world, local, settings)
+    return summary
+
+
+def solve_live(problem: Problem, constraints: Sequence[ConstraintGroup], loss: tuple[Loss, float]) -> Summary:
+    """Adjust a problem as far as it is worth between two frames: ten steps, or four digits of the cost.
+
+    `loss` is that of the images and its scale [px].
+    """
+    name, scale_px = loss
+    return solve(
+        problem,
+        constraints=constraints,
         threads=1,
-        loss=loss,
+        loss=name,
         loss_scale_px=scale_px,
         max_iterations=10,
         function_tolerance=1e-4,
     ).require_uninterrupted()
-    both.take()
-    drop_outliers(world, local, settings)
-    return summary
 
 
 def hold_gauge(local: LocalProblem, count: int) -> None:
@@ -90,21 +98,22 @@ def drop_outliers(world: WorldMap, local: LocalProblem, settings: SlamSettings) 
 
 
 def finish_map(result: SlamResult, settings: SlamSettings) -> None:
-    """Adjust all keyframes and points of a run with what its sensors say, and keep it where that is a gain.
+    """Adjust all keyframes and points of a run together with its sensors, and keep it if that is a gain.
 
     Parameters
     ----------
     result : SlamResult
-        The run; its map and the frames between keyframes move, and `final` says what was done.
+        The run; its map and the frames between keyframes move, and `final` has the costs.
     settings : SlamSettings
-        `final_adjustment` decides: always, or where images and all sensors gain.
+        `final_adjustment` decides whether it is kept always, or if images and all sensors gain.
     """
     world = result.world
     if settings.final_adjustment == "off" or world is None:
         return
     local = world.whole_problem(settings.min_views)
-    groups = [replace(group, loss="cauchy") for group in constraint_groups(world, local)]
-    # Images alone always gain: on drives their errors did not.
+    loss, scale_px = ROBUST_LOSS
+    groups = [replace(group, loss=loss) for group in constraint_groups(world, local)]
+    # Without sensors the images always gain, but on drives the errors of their poses did not.
     if settings.final_adjustment == "auto" and not groups:
         return
     placed = any(group.kind in PLACE_KINDS for group in groups)
@@ -115,8 +124,8 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
     summary = solve(
         both.problem,
         constraints=[*groups, *held, *both.rigid],
-        loss="cauchy",
-        loss_scale_px=_LOSS_PX,
+        loss=loss,
+        loss_scale_px=scale_px,
         function_tolerance=_TOLERANCE,
         max_iterations=50,
     ).require_uninterrupted()
@@ -130,11 +139,11 @@ def finish_map(result: SlamResult, settings: SlamSettings) -> None:
 
 
 def _orientation_prior(problem: Problem) -> ConstraintGroup:
-    """Cameras turned as they are, so loosely that it tells nothing but what positions leave open.
+    """Hold the orientations of all cameras, so loosely that it only matters where positions leave them open.
 
-    Positions on a straight way tell no roll of a part of the map that shares no point with the others: it
-    goes where their noise is least. The whole map is held to `OPEN_ROLL_RAD`, beyond which a roll counts as
-    open.
+    Positions on a straight line do not determine the roll of a part of the map that shares no point with the
+    others; it would follow their noise. The whole map is held to `OPEN_ROLL_RAD`, beyond which registration
+    counts a roll as open.
     """
     count = problem.num_cameras
     sigma = OPEN_ROLL_RAD * np.sqrt(count)

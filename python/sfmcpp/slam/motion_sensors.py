@@ -27,9 +27,9 @@ from sfmcpp.sensors import (
     without_leaps,
 )
 
-# What a speed that inertia carries over a stretch changes by otherwise than evenly, from either end on.
+# Where a speed is interpolated over a stretch, its error grows so fast from either end.
 _CARRIED_M_S2 = 1.0
-# Kinds that mean something only in a map that is in metres, and in the sensor's world.
+# Kinds that need a map in metres, in the sensor's world.
 METRIC_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.unit == "m")
 # Kinds that constrain one keyframe, not the motion from the one before.
 PLACE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses and kind.cameras == (1,))
@@ -50,13 +50,14 @@ class Measurement:
     value : float, or (3, 3), (3,) or (3, 4) float64
         Distance [m], rotation, centre [m] or pose world_from_camera.
     sigma : float or None
-        What the sensor may be off [m or rad]: bounds its weight, and tells a conflict. None: not known (yet).
+        Standard deviation of the sensor [m or rad]: bounds its weight, and judges conflicts. None: not known
+        (yet).
     doubtful : bool
-        Whether the sensor's own stream shows that it cannot be right here: it gets no weight.
+        Whether the sensor's own stream shows that it cannot be right here; it then has no weight.
     yields : bool
-        Whether a conflict with the images takes weight from it (:class:`sfmcpp.weighting.PoseConstraint`).
+        Whether a conflict with the images lowers its weight (:class:`sfmcpp.weighting.PoseConstraint`).
     slack : float
-        What the stream shows that it may be off beyond `sigma` [m or rad]: a conflict is judged by both.
+        A further standard deviation, by the stream [m or rad]: conflicts are judged by both.
     """
 
     sensor: str
@@ -70,7 +71,7 @@ class Measurement:
 
 @runtime_checkable
 class MotionSensor(Protocol):
-    """A sensor: anything with a name that can be asked about a keyframe.
+    """A sensor: anything with a name and a stream that can measure keyframes.
 
     Parameters
     ----------
@@ -87,7 +88,7 @@ class MotionSensor(Protocol):
         """What it has measured."""
 
     def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
-        """Tell of the camera at a time, or of its motion from an earlier one.
+        """Measure a keyframe, or the motion to it from the one before.
 
         Parameters
         ----------
@@ -107,18 +108,18 @@ class MotionSensor(Protocol):
 class Odometer:
     """Distances and directions of the motion from one keyframe to the next.
 
-    Of a stream of velocities the displacement of the camera is constrained: images leave its direction open
-    by a degree or more, and what they take for a way aside they take for a turn. A stream of speeds or
-    distances constrains the scale ‖c_i − c_{i−1}‖ alone (thesis eq. 5.20), and so do velocities where σ or
-    the mounting is not known.
+    A stream of velocities constrains the displacement of the camera: images leave its direction open by a
+    degree or more, as they confuse a sideways motion with a rotation. A stream of speeds or distances
+    constrains the scale ‖c_i − c_{i−1}‖ alone (thesis eq. 5.20), and so do velocities if σ or the mounting
+    is not known.
 
-    Where the speed leaps as no vehicle's can and leaps back, inertia carries it over, with what that may be
-    off; where there is nothing to carry it to, it gets no weight.
+    Where the speed leaps as no vehicle's can and leaps back, it is interpolated between, with a larger
+    standard deviation; where it does not leap back, it has no weight.
 
-    A scale does not yield to the images. When a map loses its scale at a keyframe, an odometer that yields is
-    given up for the next twenty; when the odometer slips at once, its stream shows it; and a slow slip is
-    followed by the map before there is a conflict. A displacement does: its direction holds the map better,
-    and of slow slips it follows half.
+    A scale does not yield to the images: an odometer that yields has no weight for twenty keyframes after one
+    at which the map lost its scale; a sudden slip shows in the stream; a slow one is followed by the map
+    before there is a conflict. A displacement does yield: its direction holds the map better, and of a slow
+    slip it follows half.
 
     Attributes
     ----------
@@ -127,11 +128,11 @@ class Odometer:
     name : str
         Name in reports.
     sigma_m : float, optional
-        What a distance, or a coordinate of a displacement, may be off [m]; None: not known, it is estimated
-        on the run.
+        Standard deviation of a distance, or of each coordinate of a displacement [m]; None: estimated during
+        the run.
     relative_sigma : float
-        And as a share of the distance. The directions of KITTI's navigation unit are 0.9 to 1.2 degrees off
-        (root mean square from keyframe to keyframe; drives 0001, 0027, 0036, 0039).
+        A further one, as a share of the distance. The directions of KITTI's navigation unit are 0.9 to 1.2
+        degrees off (root mean square from keyframe to keyframe; drives 0001, 0027, 0036, 0039).
     mounting : Mounting, optional
         How the camera sits on the body: distances are then those of the camera where a turn is given.
     directions : bool
@@ -152,7 +153,7 @@ class Odometer:
 
     @cached_property
     def carried_stretches(self) -> tuple[Gap, ...]:
-        """Those of them over which inertia carries the speed: with one that can be right at the end."""
+        """Those of them over which the speed is interpolated, as there is a sound one at their end."""
         if self.stream.kind == "distance":
             return ()
         return tuple(gap for gap in self.doubtful_stretches if gap.end_s <= self.stream.t_s[-1])
@@ -216,9 +217,9 @@ class Odometer:
 class Gyroscope:
     """Rotations: constrains the rotation from one keyframe to the next (thesis eq. 5.21).
 
-    Rates sampled too seldom for how the body shakes are off by more than is declared. The stream shows where
-    and by how much (:func:`sfmcpp.sensors.sampling_variance`), and conflicts are judged by that; a weight by
-    it costs more than it gains, as images of few tracks are worse still.
+    Rates that are sampled too slowly for a shaking body have larger errors than declared. The stream shows
+    where and by how much (:func:`sfmcpp.sensors.sampling_variance`). Conflicts are judged by that, weights
+    are not: that costs more than it gains, as images with few tracks are worse still.
 
     Attributes
     ----------
@@ -229,11 +230,11 @@ class Gyroscope:
     name : str
         Name in reports.
     sigma_rad : float, optional
-        What the rotation from one keyframe to the next may be off, about each axis [rad]; None: not known, it
-        is estimated on the run. Of KITTI's navigation unit, against its own filtered poses: 0.6 to 2.3 mrad
+        Standard deviation of the rotation from one keyframe to the next, about each axis [rad]; None:
+        estimated during the run. Of KITTI's navigation unit, against its own filtered poses: 0.6 to 2.3 mrad
         root mean square over 0.2 s, 0.8 to 3 over 0.5 s, 1.0 to 3.9 over 1 s (drives 0001, 0027, 0036, 0039).
     drift_rad_sqrt_s : float
-        And what it loses with the root of the time [rad/√s].
+        A further random walk [rad/√s].
     """
 
     stream: SensorStream
@@ -281,7 +282,7 @@ class Gps:
     name : str
         Name in reports.
     sigma_m : float, optional
-        What a position may be off, along each axis [m]; None: not known, it is estimated on the run.
+        Standard deviation along each axis [m]; None: estimated during the run.
     origin : WorldOrigin, optional
         Where the sensor's world has its origin, if that is known.
     """
@@ -294,7 +295,7 @@ class Gps:
 
     @cached_property
     def reachable(self) -> SensorStream:
-        """The positions that a vehicle can have got to from the others."""
+        """The positions that a vehicle can have reached from the others."""
         return without_leaps(self.stream, self.sigma_m)
 
     @cached_property
@@ -309,7 +310,7 @@ class Gps:
 
     @property
     def likely_sigma_m(self) -> float:
-        """What a position may be off, along each axis, as far as that is known at the start [m]."""
+        """Standard deviation along each axis [m]: the declared one, or 1 m."""
         return 1.0 if self.sigma_m is None else self.sigma_m
 
     def remarks(self) -> list[str]:
@@ -357,7 +358,7 @@ class Ins:
     name : str
         Name in reports.
     sigma_m : float, optional
-        What a position may be off, along each axis [m]; None: not known, it is estimated on the run.
+        Standard deviation of a position along each axis [m]; None: estimated during the run.
     """
 
     stream: SensorStream
@@ -383,6 +384,10 @@ class Ins:
         """Pose of this keyframe."""
         pose = self.at(end_s)
         return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
+
+
+# Sensors whose stream can be extended, shifted and corrected.
+STAMPED = (Odometer, Gyroscope, Gps, Ins)
 
 
 def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:

@@ -11,21 +11,21 @@ from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 
-# More steps would tell the clock no better, and take memory as long as a run goes on.
+# More steps would not determine the clock better, and would take memory for as long as a run lasts.
 _MOST_STEPS = 10_000
 
 
 def remember_step(
     result: SlamResult, before: Frame, after: Frame, pose: FloatArray, sensors: SensorSuite
 ) -> None:
-    """Note the motion between two frames, from their poses and what both see, where a clock may need it.
+    """Keep the motion between two consecutive frames, refined by the tracks they share, for odometer clocks.
 
     Parameters
     ----------
     result : SlamResult
         The run so far, which has a pose of the frame before.
     before, after : Frame
-        One after the other; that before is the last keyframe, or none.
+        Consecutive frames; the first is the last keyframe, or lies between keyframes.
     pose : (3, 4) float64
         Of the frame after, world_from_camera.
     sensors : SensorSuite
@@ -56,8 +56,7 @@ def set_odometer_clocks(sensors: SensorSuite) -> list[str]:
 
 
 def _odometers(sensors: SensorSuite) -> list[Odometer]:
-    """Those that tell directions; none where a gyroscope tells the clock."""
-    if any(isinstance(sensor, Gyroscope) for sensor in sensors.sensors):
+    """Odometers of velocities, whose directions determine the clock; none if a gyroscope does."""
+    if sensors.of_type(Gyroscope):
         return []
-    odometers = [sensor for sensor in sensors.sensors if isinstance(sensor, Odometer)]
-    return [s for s in odometers if s.stream.kind == "velocity" and s.mounting is not None]
+    return [s for s in sensors.of_type(Odometer) if s.stream.kind == "velocity" and s.mounting is not None]

@@ -13,9 +13,9 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.names import Loss
 from sfmcpp.sensors import Slip, find_slip, is_easier_without
 from sfmcpp.slam.fusion import constraint_groups
+from sfmcpp.slam.mapping import ROBUST_LOSS
 from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Ins, Measurement, Odometer
 from sfmcpp.slam.odometer_clock import set_odometer_clocks
 from sfmcpp.slam.result import SlamResult
@@ -24,18 +24,20 @@ from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 from sfmcpp.weighting import solve
 
-# Tracks that three keyframes in a row must share to hold a scale together.
+# Tracks that three keyframes in a row must share for the images to keep their scale from one to the next.
 _FEWEST_TRACKS = 8
-# Keyframes that are looked at together, half of them again with the next ones: their covariance is dense.
+# Keyframes examined together; the next ones overlap by half. Their covariance is a dense matrix.
 _MOST_KEYFRAMES = 160
-# What an odometer tells of a step that images leave open, as a share of it: next to nothing.
+# Standard deviation of a step by the odometer, as a share of it: so loose that only steps that images leave
+# open follow it.
 _OPEN_SHARE = 0.5
-# Shorter steps have no scale [m].
+# Shorter steps of the odometer determine no scale [m].
 _LEAST_STEP_M = 0.05
-# Scale of Cauchy's loss, as at the end of a run. The errors of images, half a pixel, last for whole tracks:
-# with a pixel each, steps scatter about the odometers of 0001, 0027, 0036 and 0039 as they should.
-_LOSS: Loss = "cauchy"
-_LOSS_PX = 1.0
+# The loss is that of the final adjustment. Images are off by half a pixel, but for whole tracks: with the
+# standard deviation of a pixel for each, steps scatter about the odometers of 0001, 0027, 0036 and 0039 as
+# their covariance says.
+_LOSS, _LOSS_PX = ROBUST_LOSS
+# Tolerance and iterations of the solve, at whose optimum the linear model is made.
 _TOLERANCE, _MOST_STEPS = 1e-8, 100
 # Share of its diagonal that makes a nearly singular normal matrix invertible.
 _RIDGE = 1e-9
@@ -64,12 +66,12 @@ def check_odometers(result: SlamResult, sensors: SensorSuite, settings: SlamSett
 
 
 def _find_slips(result: SlamResult, sensors: SensorSuite) -> list[str]:
-    """Slips of odometers where nothing else in metres would tell them, and all clocks were right."""
+    """Find slips of odometers, if no other sensor measures metres and all clocks were right."""
     world, told = result.world, []
     others = any(isinstance(sensor, Gps | Ins) for sensor in sensors.sensors)
     if world is None or not world.metric or world.stereo or others or sensors.moved_s:
         return []
-    for odometer in [sensor for sensor in sensors.sensors if isinstance(sensor, Odometer)]:
+    for odometer in sensors.of_type(Odometer):
         told_by_images = [_slip_in(world, part, odometer, sensors) for part in _parts(world)]
         found = [slip for slip in told_by_images if slip and is_easier_without(odometer.stream, slip)]
         if found:
@@ -80,7 +82,7 @@ def _find_slips(result: SlamResult, sensors: SensorSuite) -> list[str]:
 
 
 def _parts(world: WorldMap) -> Iterator[range]:
-    """Keyframes whose scale images hold together, and not too many at once."""
+    """Stretches of keyframes through which images keep the scale, none of more than `_MOST_KEYFRAMES`."""
     known = [view.tracks[world.knows(view.tracks)] for view in (k.view for k in world.keyframes)]
     shared = [np.intersect1d(a, b) for a, b in pairwise(known)]
     weak = [k + 1 for k, (a, b) in enumerate(pairwise(shared)) if len(np.intersect1d(a, b)) < _FEWEST_TRACKS]
@@ -99,7 +101,7 @@ def _slip_in(world: WorldMap, part: range, odometer: Odometer, sensors: SensorSu
     try:
         ratios, covariance = _scale_of_images(world, part, lengths)
     except InvalidArgument:
-        # Images leave a keyframe open.
+        # Images do not determine every keyframe.
         return None
     sigmas = np.array([1.0 if step is None else step.sigma or 0.0 for step in steps])
     noise = np.nan_to_num(sigmas / lengths, nan=1.0)
@@ -115,7 +117,7 @@ def _measured(
 
 
 def _length(step: Measurement) -> float:
-    """Distance of a step [m], which may be that of a pose."""
+    """Length of a measured step, a distance or a displacement [m]."""
     value = np.asarray(step.value)
     return float(np.linalg.norm(value[:, 3]) if value.ndim else value)
 
@@ -123,7 +125,7 @@ def _length(step: Measurement) -> float:
 def _scale_of_images(world: WorldMap, part: range, lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Logarithms (n,) of the steps by images over those by the odometer, and their covariance (n, n).
 
-    The map is adjusted without what holds its scale.
+    They are those of a copy of the map, adjusted without the sensors that measure metres.
     """
     local = _problem_of(world, part)
     problem = local.problem
@@ -158,7 +160,7 @@ def _step_logarithms(
 
 
 def _problem_of(world: WorldMap, part: range) -> LocalProblem:
-    """Keyframes of a part, and the points that two of them see."""
+    """The problem of the keyframes of a part and the points that two or more of them see."""
     images = np.isin(np.arange(world.num_images), part)
     rows = world.keypoints_of(np.array(part))
     points, views = np.unique(world.keypoint_points[rows], return_counts=True)
@@ -167,7 +169,7 @@ def _problem_of(world: WorldMap, part: range) -> LocalProblem:
 
 
 def _open_scale(lengths: FloatArray) -> ConstraintGroup:
-    """Steps as long as the odometer tells, so loosely that images decide where they tell anything."""
+    """Constrain steps to their lengths by the odometer, so loosely that images decide wherever they can."""
     (known,) = np.nonzero(np.isfinite(lengths))
     pairs = np.column_stack([known, known + 1]).astype(np.int32)
     return ConstraintGroup("scale", pairs, lengths[known], sigma=_OPEN_SHARE * lengths[known], name="open")

@@ -21,15 +21,17 @@ from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 
-# What the scale may be off before positions count: with less of a way the map would be stretched by noise.
+# Largest relative standard deviation of the scale of a registration by positions or poses: on a shorter path
+# noise would stretch the map.
 _RELATIVE_SIGMA = 0.03
-# Fewer keyframes than a setting asks for will do at the end of a run, but not fewer than these.
+# At the end of a run fewer keyframes than the setting asks for will do, but not fewer than these.
 _FEWEST_AT_END = 4
-# A map has drifted from the sensor when a fit of its last keyframes leaves this part of their distance to it.
+# The map has drifted from a sensor if a fit of its last keyframes leaves less than this share of their
+# distance to it.
 _DRIFT_RATIO = 0.5
-# Most keyframes that such a fit looks back on.
+# Such a fit uses at most so many keyframes.
 _LOOK_BACK = 80
-# With a lever arm the rotation is needed to tell where the camera is, and the other way round.
+# Rounds: with a lever arm, the centre of the camera depends on the rotation, and this on the centres.
 _ROUNDS = 3
 # In the sensors' world.
 _UP = np.array([0.0, 0.0, 1.0])
@@ -82,15 +84,15 @@ def place_at_end(result: SlamResult, sensors: SensorSuite, settings: SlamSetting
     asked = [sensor for sensor in sensors.sensors if not isinstance(sensor, Gyroscope)]
     if world is None or result.metric or not asked:
         return []
-    told = _told(world.keyframes, sensors)
-    for count in range(min(settings.registration_keyframes, told), _FEWEST_AT_END - 1, -1):
+    measured = _num_measured(world.keyframes, sensors)
+    for count in range(min(settings.registration_keyframes, measured), _FEWEST_AT_END - 1, -1):
         place_in_world(result, sensors, replace(settings, registration_keyframes=count))
         if result.metric:
             return []
     names = " and ".join(sensor.name for sensor in asked)
-    if told < _FEWEST_AT_END:
+    if measured < _FEWEST_AT_END:
         return [
-            f"{names}: tells of {told} of the map's {len(world.keyframes)} keyframes: must be "
+            f"{names}: tells of {measured} of the map's {len(world.keyframes)} keyframes: must be "
             f"{_FEWEST_AT_END} or more to scale it to metres"
         ]
     return [
@@ -99,13 +101,17 @@ def place_at_end(result: SlamResult, sensors: SensorSuite, settings: SlamSetting
     ]
 
 
-def _told(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> int:
-    """Keyframes of which a sensor measures, not predicts, the place, or the distance from one that counts."""
+def _num_measured(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> int:
+    """Number of keyframes whose place is measured, not extrapolated, or that measured distances link."""
     spans = [s.believed.t_s[[0, -1]] for s in sensors.sensors if isinstance(s, Gps | Ins)]
     places = sum(any(first <= k.t_s <= last for first, last in spans) for k in keyframes)
-    steps = [sensors.distance(a.t_s, b.t_s, a.pose[:, :3].T @ b.pose[:, :3]) for a, b in pairwise(keyframes)]
-    known = sum(step is not None for step in steps)
+    known = sum(distance is not None for distance in _distances_between(keyframes, sensors))
     return max(places, known + (known > 0))
+
+
+def _distances_between(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> list[float | None]:
+    """Distance by the sensors from each keyframe to the next [m]; None where none measures it."""
+    return [sensors.distance(a.t_s, b.t_s, a.pose[:, :3].T @ b.pose[:, :3]) for a, b in pairwise(keyframes)]
 
 
 def _correct_drift(result: SlamResult, world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> None:
@@ -120,8 +126,8 @@ def _correct_drift(result: SlamResult, world: WorldMap, sensors: SensorSuite, se
 def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> Similarity | None:
     """Find what brings the map into the sensors' world, world_from_map.
 
-    Poses decide, else positions, else right images, else distances: a map in metres alone could not take
-    positions later.
+    Poses decide, else positions, else right images, else distances: a map that is in metres already could not
+    be brought into the frame of positions later.
 
     Parameters
     ----------
@@ -135,20 +141,20 @@ def registration(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) 
     Returns
     -------
     Similarity or None
-        None as long as there are too few keyframes, or they do not tell it.
+        None as long as there are too few keyframes, or they do not determine it.
     """
-    way = _registration_method(sensors, _WAYS)
-    scale = metres_per_unit(world) if way in (None, _scale_by_distances) else None
+    method = _registration_method(sensors, _METHODS)
+    scale = metres_per_unit(world) if method in (None, _scale_by_distances) else None
     if scale is not None:
         return Similarity(scale, np.eye(3), np.zeros(3))
-    found = _fit_by_method(way, world.keyframes, sensors, settings.registration_keyframes)
+    found = _fit_by_method(method, world.keyframes, sensors, settings.registration_keyframes)
     return None if found is None else found.similarity
 
 
 def constrain_past(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> None:
-    """Let sensors in metres constrain the keyframes of a map that has just come into metres, too.
+    """Constrain the keyframes so far of a map that has just become metric by the sensors that measure metres.
 
-    Only where what they declare counts: not beside constant weights, nor without bounds.
+    Nothing is done unless the settings trust declared σ.
     """
     if not settings.trusts_declared:
         return
@@ -160,17 +166,17 @@ def constrain_past(world: WorldMap, sensors: SensorSuite, settings: SlamSettings
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What brings a map that has drifted back: the keyframes from `first` on, and how they move."""
+    """How a map that has drifted is corrected: the keyframes from `first` on move by `similarity`."""
 
     first: int
     similarity: Similarity
 
 
 def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) -> Correction | None:
-    """Find how the last keyframes move where poses, positions or distances say that the map has drifted.
+    """Find how the last keyframes must move if they have drifted off poses, positions or distances together.
 
-    Images hold a keyframe to the map, and cross-validation by these images takes the side of the map: what an
-    absolute sensor says against a map that has drifted as a whole would never get a weight.
+    Images tie a keyframe to the map, and cross-validation by these images favours the map: an absolute sensor
+    would never get a weight against a map that has drifted as a whole.
 
     Parameters
     ----------
@@ -184,22 +190,22 @@ def correction(world: WorldMap, sensors: SensorSuite, settings: SlamSettings) ->
     Returns
     -------
     Correction or None
-        None if no sensor tells, the last keyframes are as near to it as they can be, or nobody asks for it.
+        None if no sensor determines it, the last keyframes have not drifted, or the settings rule it out.
     """
     if not settings.correct_drift or settings.weights == "none":
         return None
-    way = _registration_method(sensors, _WAYS if settings.correct_scale else _ABSOLUTE)
+    method = _registration_method(sensors, _METHODS if settings.correct_scale else _ABSOLUTE)
     start = max(world.part_start, len(world.keyframes) - _LOOK_BACK)
     fewest = settings.registration_keyframes
     for first in range(len(world.keyframes) - fewest, start - 1, -fewest):
-        found = _fit_by_method(way, world.keyframes[first:], sensors, fewest)
+        found = _fit_by_method(method, world.keyframes[first:], sensors, fewest)
         if found is not None:
             return Correction(first, found.similarity) if found.drifted else None
     return None
 
 
-# Poses of the map and what a sensor says of them, from the keyframes it covers and the rotation so far.
-_Way = Callable[[Sequence[Keyframe], SensorSuite, int], "_Fit | None"]
+# Fits keyframes to what a sensor measured of them; None with fewer keyframes than the number given.
+_FitMethod = Callable[[Sequence[Keyframe], SensorSuite, int], "_Fit | None"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,23 +221,23 @@ class _Fit:
         return self.after_m < _DRIFT_RATIO * self.before_m
 
 
-def _registration_method(sensors: SensorSuite, ways: Mapping[type, _Way]) -> _Way | None:
-    """The first of the ways that a sensor gives."""
+def _registration_method(sensors: SensorSuite, methods: Mapping[type, _FitMethod]) -> _FitMethod | None:
+    """The first of the methods for which there is a sensor."""
     kinds = {type(sensor) for sensor in sensors.sensors}
-    return next((way for kind, way in ways.items() if kind in kinds), None)
+    return next((method for kind, method in methods.items() if kind in kinds), None)
 
 
 def _fit_by_method(
-    way: _Way | None, keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int
+    method: _FitMethod | None, keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int
 ) -> _Fit | None:
     try:
-        return None if way is None else way(keyframes, sensors, fewest)
+        return None if method is None else method(keyframes, sensors, fewest)
     except InvalidArgument:
         return None
 
 
 def _fit(registered: Registration, before_m: FloatArray) -> _Fit:
-    """Make it of a registration and the residuals (n,) before it, positions or steps as its own."""
+    """Fit of a registration; `before_m` (n,) are the residuals before it, of positions or of steps."""
     return _Fit(registered.similarity, float(np.sqrt(np.mean(before_m**2))), registered.rmse_m)
 
 
@@ -247,8 +253,8 @@ def _fit_by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: i
 
 
 def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
-    """Fit to positions; on a straight way the camera is taken to be upright."""
-    gps = next(sensor for sensor in sensors.sensors if isinstance(sensor, Gps))
+    """Fit to positions; on a straight path the camera is taken to be upright."""
+    gps = sensors.of_type(Gps)[0]
     rotation = np.eye(3)
     for _ in range(_ROUNDS):
         at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes]
@@ -266,11 +272,11 @@ def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewes
 def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: int) -> _Fit | None:
     """Ratio of the mean steps (eq. 5.19) of the last keyframes in a row, whose distances must be known."""
     last = keyframes[-count:]
-    found = [sensors.distance(a.t_s, b.t_s, a.pose[:, :3].T @ b.pose[:, :3]) for a, b in pairwise(last)]
+    found = _distances_between(last, sensors)
     distances = np.array([d for d in found if d is not None])
     if len(last) < count or len(distances) < len(found):
         return None
-    sigma_m = max(s.sigma_m or 0.0 for s in sensors.sensors if isinstance(s, Odometer))
+    sigma_m = max(odometer.sigma_m or 0.0 for odometer in sensors.of_type(Odometer))
     if not distances.sum() > sigma_m * np.sqrt(len(distances)) / LARGEST_RELATIVE_SIGMA:
         return None
     poses = np.stack([k.pose for k in last])
@@ -279,5 +285,5 @@ def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, cou
 
 
 # The best first.
-_ABSOLUTE: dict[type, _Way] = {Ins: _fit_by_poses, Gps: _fit_by_positions}
-_WAYS = {**_ABSOLUTE, Odometer: _scale_by_distances}
+_ABSOLUTE: dict[type, _FitMethod] = {Ins: _fit_by_poses, Gps: _fit_by_positions}
+_METHODS = {**_ABSOLUTE, Odometer: _scale_by_distances}

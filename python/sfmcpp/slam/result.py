@@ -1,148 +1,18 @@
-"""Result of a SLAM run: poses, keyframe records, the final adjustment."""
+"""Result of a SLAM run: the path, keyframe records, the final adjustment, warnings."""
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from sfmcpp.geometry import so3
-from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame
-from sfmcpp.sensors import predict_pose
 from sfmcpp.slam.fusion import Fused
+from sfmcpp.slam.path import Path
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.weighting import WeightSelection
-
-
-@dataclass
-class Path:
-    """Poses of the camera at all frames.
-
-    Attributes
-    ----------
-    between : dict of int to (3, 4) float64
-        Pose of each frame that has one and is no keyframe, world_from_camera; the map has those of keyframes.
-    times : dict of int to float
-        Time of each frame looked at [s].
-    world : WorldMap or None
-        The map, as soon as there is one.
-    seen_from : dict of int to (3, 3) float64
-        Rotation that the images alone say of a frame between keyframes, in the axes of its pose: where a
-        gyroscope has told that, they are different.
-    """
-
-    between: dict[int, FloatArray] = field(default_factory=dict)
-    times: dict[int, float] = field(default_factory=dict)
-    world: WorldMap | None = None
-    seen_from: dict[int, FloatArray] = field(default_factory=dict)
-
-    @property
-    def poses(self) -> dict[int, FloatArray]:
-        """Pose (3, 4) of every frame that has one, put together anew each time."""
-        keyframes = self.world.keyframes if self.world else []
-        return {**self.between, **{keyframe.frame: keyframe.pose for keyframe in keyframes}}
-
-    def latest(self, count: int, without: Collection[int] = ()) -> dict[int, FloatArray]:
-        """Poses of the last `count` frames that have one, in their order."""
-        poses = self.poses
-        last = heapq.nlargest(count, (k for k in poses if k not in without))[::-1]
-        return {number: poses[number] for number in last}
-
-    def transform(self, similarity: Similarity, first: int = 0) -> None:
-        """Move the poses between keyframes, of the frames from number `first` on (thesis eq. 5.16)."""
-        for number in [k for k in self.between if k >= first]:
-            self.between[number] = similarity.apply_to_poses(self.between[number])
-
-    def settle(self, number: int, pose: FloatArray) -> None:
-        """Put a frame between keyframes elsewhere; what the images alone say of its rotation stays."""
-        seen = self.between[number][:, :3] @ self.seen_from.get(number, np.eye(3))
-        self.between[number] = pose
-        self.seen_from[number] = pose[:, :3].T @ seen
-
-    def follow(self, before: FloatArray) -> None:
-        """Let the frames between keyframes go where an adjustment has moved these.
-
-        Parameters
-        ----------
-        before : (k, 3, 4) float64
-            Poses of the keyframes before it. A frame keeps its pose beside the keyframe before it and its
-            pose beside the one after, and where the two have become different, some of both, by time.
-        """
-        assert self.world is not None
-        keyframes, after = self.world.keyframes, self.world.poses
-        moved = np.flatnonzero((before != after).any(axis=(1, 2)))
-        if not len(moved):
-            return
-        for k in range(max(int(moved[0]) - 1, 0), len(keyframes)):
-            end = keyframes[k + 1].frame if k + 1 < len(keyframes) else max(self.times) + 1
-            numbers = [f for f in range(keyframes[k].frame + 1, end) if f in self.between]
-            if not numbers:
-                continue
-            poses = np.stack([self.between[f] for f in numbers])
-            ends = slice(k, k + 2)
-            stamps = np.array([keyframe.t_s for keyframe in keyframes[ends]])
-            times = np.array([self.times[f] for f in numbers])
-            carried = carry(poses, times, stamps, before[ends], after[ends])
-            self.between.update(zip(numbers, carried, strict=True))
-
-    def predict(self, time_s: float) -> FloatArray:
-        """Pose (3, 4) at a later time by constant motion from the last two (thesis eqs 1.1–1.3)."""
-        latest = self.latest(2)
-        *earlier, last = latest
-        now = latest[last]
-        if not earlier:
-            return np.array(now)
-        before, first_s, last_s = latest[earlier[0]], self.times[earlier[0]], self.times[last]
-        rotation = now[:, :3] @ before[:, :3].T
-        rate = so3.log(before[:, :3].T @ now[:, :3]) / (last_s - first_s)
-        # The body keeps its velocity in its own axes: it follows a bend.
-        velocity = rotation @ (now[:, 3] - before[:, 3]) / (last_s - first_s)
-        return predict_pose(now, rate, velocity, time_s - last_s)
-
-    def speed(self, steps: int = 5, without: Collection[int] = ()) -> float:
-        """Median speed over the last steps, in units of the map per second."""
-        last = self.latest(steps + 1, without)
-        if len(last) < 2:
-            return 0.0
-        centres = np.stack([pose[:, 3] for pose in last.values()])
-        lengths = np.linalg.norm(np.diff(centres, axis=0), axis=1)
-        return float(np.median(lengths / np.diff([self.times[k] for k in last])))
-
-
-def carry(
-    poses: FloatArray, times_s: FloatArray, stamps_s: FloatArray, before: FloatArray, after: FloatArray
-) -> FloatArray:
-    """Poses (n, 3, 4) that keep their place beside one or two others, which have moved.
-
-    Parameters
-    ----------
-    poses : (n, 3, 4) float64
-        World_from_camera, with the two.
-    times_s : (n,) float64
-        Their times [s].
-    stamps_s : (1,) or (2,) float64
-        Times of the others, before and after [s].
-    before, after : (1, 3, 4) or (2, 3, 4) float64
-        Where the others were and are.
-
-    Returns
-    -------
-    (n, 3, 4) float64
-    """
-    turns = after[:, :, :3] @ np.swapaxes(before[:, :, :3], 1, 2)
-    beside = [t @ (poses[:, :, 3] - b[:, 3]).T for t, b in zip(turns, before, strict=True)]
-    centres = [b.T + a[:, 3] for b, a in zip(beside, after, strict=True)]
-    if len(stamps_s) == 1:
-        return np.concatenate([turns[0] @ poses[:, :, :3], centres[0][:, :, None]], axis=2)
-    share = ((times_s - stamps_s[0]) / (stamps_s[1] - stamps_s[0]))[:, None]
-    rest = so3.exp(share * so3.log(turns[0].T @ turns[1]))
-    rotations = turns[0] @ rest @ poses[:, :, :3]
-    return np.concatenate([rotations, ((1 - share) * centres[0] + share * centres[1])[:, :, None]], axis=2)
 
 
 @dataclass

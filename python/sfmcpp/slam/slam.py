@@ -16,25 +16,35 @@ from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.checks import require_finite, require_near
 from sfmcpp.model.frames import Frame, View, checked_view, common
 from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_last_frames
-from sfmcpp.slam.calibration import calibrate, check_positions
+from sfmcpp.slam.bridging import Follower, Step, rejoin
+from sfmcpp.slam.calibration import calibrate
+from sfmcpp.slam.check_positions import check_positions
 from sfmcpp.slam.checkpoints import State
+from sfmcpp.slam.corrected_sensors import corrected_in_hindsight
 from sfmcpp.slam.fusion import fuse
-from sfmcpp.slam.initialisation import Initialiser, rejoin
-from sfmcpp.slam.localisation import Follower, Step, expected_rotation, locate
+from sfmcpp.slam.initialisation import Initialiser
+from sfmcpp.slam.localisation import expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
 from sfmcpp.slam.motion_sensors import Measurement, MotionSensor
 from sfmcpp.slam.odometer_clock import remember_step
 from sfmcpp.slam.odometer_slip import check_odometers
 from sfmcpp.slam.registration import place_at_end, place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
+from sfmcpp.slam.sensor_faults import (
+    faults_of_coverage,
+    faults_of_epochs,
+    faults_of_run,
+    faults_of_streams,
+    faults_so_far,
+)
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.track_numbers import TrackNumbers
 from sfmcpp.slam.world_map import WorldMap
 
-# No lens squeezes an image a tenth as much: a larger aspect, fy / fx, is a focal length.
+# A larger aspect, fy / fx, is a focal length given in its place: no lens comes near it.
 _LARGEST_ASPECT = 20.0
-# Keyframes after which faults of the sensors so far are told.
+# Every so many keyframes the warnings are updated with the faults of the sensors so far.
 _EVERY = 8
 
 
@@ -89,14 +99,14 @@ class Slam:
         self.settings = settings or SlamSettings()
         self._intrinsics = intrinsics
         self._sensors = SensorSuite(sensors)
-        self.result = SlamResult(warnings=self._sensors.remarks())
+        self.result = SlamResult(warnings=faults_of_streams(self._sensors))
         # Looks for the start of a map, or of a new part of it; None while the camera is tracked.
         self._initialiser: Initialiser | None = self._new_initialiser()
         self._follower = Follower(intrinsics, self.settings, self._sensors)
         # The frames from the last keyframe on, and this one.
         self._lately: list[Frame] = []
         self._tracks = TrackNumbers()
-        # What the warnings say of sensors so far; it is told anew at the end.
+        # Warnings of faults of sensors so far, which later ones replace.
         self._told: list[str] = []
 
     def state(self) -> State:
@@ -157,7 +167,7 @@ class Slam:
         self._require_next(frame)
         frame = replace(frame, view=self._tracks.renumbered(checked_view(frame.view)))
         if not self.result.path.times:
-            self.result.warnings += self._sensors.elsewhere(frame.t_s)
+            self.result.warnings += faults_of_epochs(self._sensors, frame.t_s)
         self.result.path.times[frame.number] = frame.t_s
         if self.result.world is None:
             self._start(frame)
@@ -186,9 +196,9 @@ class Slam:
         finish_map(self.result, self.settings)
         times = list(self.result.path.times.values())
         if self.result.world is not None:
-            self.result.warnings += [*self._sensors.shortcomings(times[0], times[-1]), *unscaled]
+            self.result.warnings += [*faults_of_coverage(self._sensors, times[0], times[-1]), *unscaled]
         if len(self.result.poses) > 1:
-            self.result.warnings += self._sensors.complaints(self.result.seen_trajectory())
+            self.result.warnings += faults_of_run(self._sensors, self.result.seen_trajectory())
         self.result.warnings += check_positions(self.result, self._sensors)
         self.result.warnings += check_odometers(self.result, self._sensors, self.settings)
 
@@ -196,7 +206,7 @@ class Slam:
         """The sensors that a run over the same frames should have; None where these will do."""
         if not self.settings.trusts_declared or len(self.result.poses) < 2:
             return None
-        return self._sensors.in_hindsight(self.result.seen_trajectory())
+        return corrected_in_hindsight(self._sensors, self.result.seen_trajectory())
 
     def _require_next(self, frame: Frame) -> None:
         if self._finished:
@@ -312,11 +322,11 @@ class Slam:
         self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s))
         calibrate(self.result, self._sensors, self.settings)
         if len(world.keyframes) % _EVERY == 0:
-            self._tell(self._sensors.faults_so_far())
+            self._tell(faults_so_far(self._sensors))
         self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
 
     def _tell(self, faults: list[str]) -> None:
-        """Put faults of the sensors in the place of those that were told before."""
+        """Replace the warnings of faults of sensors that were given before."""
         self.result.warnings = [told for told in self.result.warnings if told not in self._told] + faults
         self._told = faults
 

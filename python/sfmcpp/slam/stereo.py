@@ -13,10 +13,10 @@ from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.slam.world_map import WorldMap
 
 RIGID = "stereo"
-# What the entries of a right camera's pose beside the left one may be off [m and rad]: less than images tell.
-# Damping goes with the diagonal of JᵀJ: pairs that are ten times as stiff hardly move within ten steps.
+# Standard deviation of the pose of a right camera relative to its left one [m and rad]: smaller than that by
+# images. With damping proportional to the diagonal of JᵀJ, pairs ten times as stiff hardly move in ten steps.
 _RIGID_SIGMA = 1e-4
-# Fewest points that tell the scale of a map.
+# Fewest points that determine the scale of a map.
 _FEWEST = 10
 
 
@@ -95,8 +95,8 @@ def with_right_views(world: WorldMap, local: LocalProblem) -> StereoProblem:
 def metres_per_unit(world: WorldMap) -> float | None:
     """Length of the unit of a map in metres, by the right images; None where they determine too little.
 
-    Each point of the map tells one: baseline over disparity is its depth. The median of the nearer half is
-    taken, nearer by the map: what chooses by disparity is biased by its noise.
+    Each point of the map gives one, as baseline over normalised disparity is its depth in metres. The median
+    of the nearer half is taken, nearer in the map: a choice by disparity would be biased by its noise.
     """
     if world.baseline_m is None or world.metric:
         return 1.0 if world.metric else None

@@ -1,4 +1,4 @@
-"""Numbers of tracks in a map, whose points take room up to the largest."""
+"""Numbers of tracks in a map, which takes memory for all points up to the largest number."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import numpy as np
 
 from sfmcpp.model.frames import View
 
-# A number may be so far above all before it: some tracks are seen by no keyframe, or come in no order.
+# A number that is farther above all before it does not become the track's number in the map, which has room
+# for all points up to the largest.
 _FARTHEST = 1_000_000
 
 
 class TrackNumbers:
-    """Gives tracks their numbers in the map: their own, and in order of their coming from a far one on."""
+    """Gives tracks their numbers in the map: their own, or consecutive ones after a very large one came."""
 
     def __init__(self) -> None:
         self._own_end = 0
-        # Numbers from the end of the own ones on; None: there is no far track so far.
+        # Consecutive numbers by tracks' own; None as long as no very large one has come.
         self._given: dict[int, int] | None = None
 
     def state(self) -> dict[str, Any]:

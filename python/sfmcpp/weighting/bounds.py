@@ -23,7 +23,7 @@ from sfmcpp.weighting.pose_inputs import PoseConstraint
 WeightBoundsName = Literal["declared", "none"]
 WEIGHT_BOUNDS: tuple[str, ...] = get_args(WeightBoundsName)
 # A conflict of as many standard deviations takes half of the weight λ away; of many more, nearly all of it.
-YIELDING_SIGMAS = 3.0
+_YIELDING_SIGMAS = 3.0
 # Ratio of neighbouring weights at most, as in the grid of the thesis.
 _LARGEST_RATIO = 1.15
 # Bounds nearer to each other leave nothing to choose.
@@ -125,5 +125,5 @@ def declared_bounds(
         If the constraint declares no standard deviation.
     """
     largest = declared_weight(constraint, count, pixel_sigma)
-    left = 1 / (1 + (report.sigmas / YIELDING_SIGMAS) ** 2) if constraint.yields else 1.0
+    left = 1 / (1 + (report.sigmas / _YIELDING_SIGMAS) ** 2) if constraint.yields else 1.0
     return WeightBounds(left * largest, largest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import NormalDist
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +33,7 @@ _MEDIAN_SPREAD = 1.17
 _LEAST_PROBABILITY = 1e-300
 # Standard deviations, of a number, beyond which a member lies: one of 10,000 honest ones does.
 LIE_SIGMAS = 4.6
+_Number = TypeVar("_Number", float, FloatArray)
 
 
 @checked()
@@ -145,8 +147,8 @@ def member_conflict(
     )
 
 
-def chi_square_median(degrees_of_freedom: int) -> float:
-    """The median of a number from the chi-square distribution, after Wilson and Hilferty."""
+def chi_square_median(degrees_of_freedom: _Number) -> _Number:
+    """Median of the chi-square distribution, after Wilson and Hilferty; of an array, of each entry."""
     return degrees_of_freedom * (1 - 2 / (9 * degrees_of_freedom)) ** 3
 
 

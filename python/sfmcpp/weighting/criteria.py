@@ -20,8 +20,9 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array
 
+# Width of the running median (thesis eqs 5.10–5.11), and share of inliers to keep (§5.2.3.2).
 MEDIAN_WIDTH = 11
-INLIER_SHARE = 0.9
+_INLIER_SHARE = 0.9
 # Scores that differ by less than this share are the same.
 _TIE = 1e-12
 
@@ -134,7 +135,7 @@ def running_median(scores: FloatArray, width: int = MEDIAN_WIDTH) -> FloatArray:
 
 
 @checked()
-def admissible_weights(inliers: IndexArray, initial_inliers: int, share: float = INLIER_SHARE) -> BoolArray:
+def admissible_weights(inliers: IndexArray, initial_inliers: int, share: float = _INLIER_SHARE) -> BoolArray:
     """Which weights keep enough inliers (thesis §5.2.3.2, the check of stability).
 
     Parameters

@@ -22,13 +22,13 @@ from sfmcpp.weighting.units import unit_of_group
 
 # Steps of a fit that starts at a neighbour's optimum; with hardly any damping, which would hold back just
 # the weak directions that a sensor decides.
-FIT_STEPS = 30
+_FIT_STEPS = 30
 _WARM_DAMPING = 1e-9
 # Without one of its observations a point may be hardly determined, and must be held.
 _SUBSET_DAMPING = 1e-5
 _FIT_TOLERANCE = 1e-10
 # Where the linear model tells the rest.
-BRIEF_STEPS = 12
+_BRIEF_STEPS = 12
 _BRIEF_TOLERANCE = 1e-5
 # The images alone give no more than their noise, and where to start.
 _ALONE_TOLERANCE = 1e-4
@@ -108,7 +108,7 @@ class WeightFits:
         summary = self._adjust(state, np.zeros(len(groups)), self.options)
         self.options = self._options_with(
             loss_scale_px=summary.loss_scale_px,
-            max_iterations=FIT_STEPS,
+            max_iterations=_FIT_STEPS,
             initial_damping=_WARM_DAMPING,
             function_tolerance=min(options.function_tolerance, _FIT_TOLERANCE),
         )
@@ -129,7 +129,7 @@ class WeightFits:
         """Fit at the given weights (k,), from a start that is left untouched; if `brief`, less sharply."""
         state, options = start.copy(), self.options
         if brief:
-            options = self._options_with(max_iterations=BRIEF_STEPS, function_tolerance=_BRIEF_TOLERANCE)
+            options = self._options_with(max_iterations=_BRIEF_STEPS, function_tolerance=_BRIEF_TOLERANCE)
         return self._result(state, self._adjust(state, weights, options))
 
     def loss_terms(self, squared: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -17,6 +17,8 @@ Scope = Literal["pose", "problem"]
 TradeOff = Callable[[FloatArray, FloatArray, FloatArray, "FloatArray | None"], FloatArray]
 _FIXED = "fixed:"
 _LARGEST = 1e100  # whose square, times any count, is a number
+# Rounds over several constraints: each weight is chosen with the others in place, then once more.
+ROUNDS = 2
 _WHERE = {"pose": "one pose", "problem": "a whole problem"}
 
 

@@ -10,22 +10,19 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_one_of
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.bounds import WEIGHT_BOUNDS, declared_bounds
 from sfmcpp.weighting.conflict import conflict
 from sfmcpp.weighting.criteria import admissible_weights, running_median
-from sfmcpp.weighting.methods import WeightMethod, selection_method
+from sfmcpp.weighting.methods import ROUNDS, WeightMethod, selection_method
 from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 from sfmcpp.weighting.sweep import WeightedConstraint, WeightSweep, refine_pose, sweep_weights, weight_grid
 from sfmcpp.weighting.units import sigma_of_weight
 
-# Rounds over several sensors: each weight is chosen with the others in place, then once more.
-ROUNDS = 2
-# What stands in for a method in all rounds but the last: there a weight need not be
-# exact: the others are chosen beside something like it.
-_FIRST_ROUND = {"loo": "loo-approx"}
+# Cheaper methods for all rounds but the last, in which weights are only what the others are chosen beside.
+_EARLY_METHODS = {"loo": "loo-approx"}
 
 
 @checked()
@@ -155,7 +152,7 @@ def select_weights(
             f"method: {len(methods)}, must be one for each of {len(constraints)} constraints"
         )
     exact = [selection_method(m) for m in methods]
-    early = [selection_method(_FIRST_ROUND.get(m, m)) for m in methods]
+    early = [selection_method(_EARLY_METHODS.get(m, m)) for m in methods]
     rounds = [early] * (ROUNDS - 1) if len(constraints) > 1 else []
     images = _image_term(view, start, bounds, threads)
     chosen = np.zeros(len(constraints))
@@ -172,7 +169,21 @@ def select_weights(
 
 @dataclass(frozen=True)
 class _Images:
-    """Observations of a camera, the pose by the images alone, their noise there, and the kind of bounds."""
+    """The images of one pose, and how its weights are chosen.
+
+    Attributes
+    ----------
+    view : PoseView
+        Observations of the camera.
+    pose : (3, 4) float64
+        Optimum of the images alone, world_from_camera.
+    sigma : float
+        Standard deviation of the images there, in units of the declared one.
+    bounds : str
+        One of `WEIGHT_BOUNDS`.
+    threads : int
+        Of exact cross-validation.
+    """
 
     view: PoseView
     pose: FloatArray
@@ -196,10 +207,10 @@ def _select_one(
     held: Sequence[WeightedConstraint],
 ) -> WeightSelection:
     report = conflict(images.view, constraint, images.pose)
-    within = None
+    bounds = None
     if images.bounds == "declared" and method.grid is None:
-        within = declared_bounds(constraint, images.view.count, images.sigma, report)
-    grid = within.grid() if within is not None else _checked_grid(weights, method)
+        bounds = declared_bounds(constraint, images.view.count, images.sigma, report)
+    grid = _checked_grid(weights, method) if bounds is None else bounds.grid()
     sweep = sweep_weights(
         images.view,
         constraint,
@@ -210,13 +221,10 @@ def _select_one(
         approximate_leave_one_out=method.name == "loo-approx",
         threads=images.threads,
     )
-    alone = sweep if not held else sweep_weights(images.view, constraint, [0.0], images.pose)
-    admissible = admissible_weights(sweep.inliers, int(alone.inliers[0]))
-    if within is not None:
-        admissible = within.hold(grid)
     score = _scores_of_sweep(method, sweep)
+    admissible = bounds.hold(grid) if bounds else _with_enough_inliers(images, constraint, sweep, held)
     index = method.choose(score, admissible)
-    if not admissible[index] and within is not None:  # nothing to choose by
+    if bounds and not admissible[index]:  # no score is finite within the bounds
         index = int(np.flatnonzero(admissible)[0])
     weight = float(grid[index])
     return WeightSelection(
@@ -233,6 +241,14 @@ def _select_one(
         conflict=report,
         pose=sweep.poses[index],
     )
+
+
+def _with_enough_inliers(
+    images: _Images, constraint: PoseConstraint, sweep: WeightSweep, held: Sequence[WeightedConstraint]
+) -> BoolArray:
+    """Which weights (W,) of a sweep that begins at zero keep enough inliers of the images alone."""
+    alone = sweep if not held else sweep_weights(images.view, constraint, [0.0], images.pose)
+    return admissible_weights(sweep.inliers, int(alone.inliers[0]))
 
 
 def _scores_of_sweep(method: WeightMethod, sweep: WeightSweep) -> FloatArray:

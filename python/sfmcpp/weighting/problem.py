@@ -15,21 +15,19 @@ from sfmcpp.model.residual_group import Group
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.conflict import agreeing_members, member_conflict
 from sfmcpp.weighting.fits import WeightFit, WeightFits
-from sfmcpp.weighting.methods import selection_method
+from sfmcpp.weighting.methods import ROUNDS, selection_method
 from sfmcpp.weighting.statistics import FitStatistics
 from sfmcpp.weighting.trials import Trials, sweep
 from sfmcpp.weighting.units import sigma_of_weight
 from sfmcpp.weighting.variance import VarianceSearch
 
-# Fewer numbers than this, left by the fit, are none.
+# A group with less redundancy than this has none, but for rounding.
 _LEAST_REDUNDANCY = 0.5
-# Rounds over several methods: each group is weighed with the others in place, then once more.
-_ROUNDS = 2
 # Positions farther from the cameras than this many times the extent of both are in another frame.
 _FARTHEST = 100.0
 VARIANCE = "variance"
 _SQUARED = "squared"
-# Rounds over the members that agree with the fit.
+# Rounds in which the members that agree with the fit, and the weights by these, determine each other.
 _ROUNDS_OF_MEMBERS = 8
 
 
@@ -164,7 +162,7 @@ def _methods(groups: Sequence[Group], weight: str | Mapping[str, str]) -> dict[i
 
 
 class _Selection:
-    """The weights of all groups, on their way; `optimum` is the state at those that were chosen."""
+    """The choice of the weights of all groups; `optimum` is the state at the chosen weights."""
 
     optimum: Problem
 
@@ -179,7 +177,7 @@ class _Selection:
         at = FitStatistics(self._fits, fit.problem, weights)
         self._require_redundancy(at)
         units = len(self._alone) + bool(self._together)
-        for _ in range(_ROUNDS if units > 1 else 1):
+        for _ in range(ROUNDS if units > 1 else 1):
             if self._together:
                 at = self._by_variance(at)
             for k in self._alone:

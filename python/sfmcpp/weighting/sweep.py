@@ -16,8 +16,10 @@ from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_a
 from sfmcpp.model.checks import require_count
 from sfmcpp.weighting.pose_inputs import PoseConstraint, PoseView
 
+# Reprojection error of an inlier (thesis §5.2.3.2).
 INLIER_PX = 2.0
-FOLD_ITERATIONS = 3
+# Steps of the fit without one observation.
+_FOLD_ITERATIONS = 3
 
 WeightedConstraint = tuple[PoseConstraint, float]
 
@@ -128,7 +130,7 @@ def sweep_weights(
     """
     grid = finite_array("weights", weights, (ANY,))
     options = _core.PoseSweepOptions()
-    options.inlier_px, options.fold_iterations = INLIER_PX, FOLD_ITERATIONS
+    options.inlier_px, options.fold_iterations = INLIER_PX, _FOLD_ITERATIONS
     options.leave_one_out, options.approximate_leave_one_out = leave_one_out, approximate_leave_one_out
     options.threads = threads
     arrays = [constraint.arrays(0.0), *(other.arrays(weight) for other, weight in held)]

@@ -17,13 +17,15 @@ from sfmcpp.weighting.fits import WeightFit, WeightFits
 from sfmcpp.weighting.methods import WeightMethod
 from sfmcpp.weighting.statistics import FitStatistics
 
-# The sweep: half a decade a step, four decades each way from where images and constraint balance; a method
-# that finds a lowest score tries four more weights around it.
+# Factors on the weight at which images and constraint balance: half a decade a step, four decades each way;
+# then, for a method that refines its choice, four more weights around it.
 _COARSE = 10.0 ** (np.arange(-8, 9) / 2)
 _FINE = 10.0 ** (np.array([-2, -1, 1, 2]) / 6)
+# Of the running median of trade-off scores; that of a pose, with its finer grid, is wider.
 _MEDIAN_WIDTH = 3
+# Folds of cross-validation, and steps of each refit.
 FOLDS = 4
-FOLD_STEPS = 8
+_FOLD_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +158,7 @@ def _fold_losses(fits: WeightFits, _: int, weights: FloatArray, optima: Sequence
     total = np.zeros(len(optima))
     for i, (fit, w) in enumerate(zip(optima, weights, strict=True)):
         for left_out in (fold == f for f in range(FOLDS)):
-            state = fits.fit_subset(w, fit.problem, ~left_out, FOLD_STEPS)
+            state = fits.fit_subset(w, fit.problem, ~left_out, _FOLD_STEPS)
             residuals = np.asarray(_core.residuals(core_arrays(state)))[left_out]
             total[i] += fits.left_out_loss((residuals**2).sum(axis=1)).sum()
     return np.asarray(total / np.count_nonzero(fold >= 0))

@@ -12,8 +12,8 @@ from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.model.frames import View
 from sfmcpp.slam import Frame, MotionSensor, Odometer, Path, SlamResult, SlamSettings, TrackSequence, WorldMap
-from sfmcpp.slam.initialisation import Initialiser, rejoin
-from sfmcpp.slam.localisation import Follower
+from sfmcpp.slam.bridging import Follower, rejoin
+from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.sensor_suite import SensorSuite
 from slam_helpers import INTRINSICS, STEP_S, drive, path, project, small_map
 

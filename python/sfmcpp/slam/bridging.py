@@ -1,0 +1,138 @@
+"""Bridging of gaps: poses of frames that see too little of the map, and the part of the map after a gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sfmcpp.geometry import relative_pose, so3
+from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame, common
+from sfmcpp.slam.fusion import usual_weights
+from sfmcpp.slam.localisation import LEAST_PARALLAX_PX, RANSAC_ITERATIONS, SAME_TURN_RAD
+from sfmcpp.slam.result import SlamResult
+from sfmcpp.slam.sensor_suite import SensorSuite
+from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.stereo import metres_per_unit
+from sfmcpp.slam.world_map import WorldMap
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """Pose (3, 4) of a frame, world_from_camera, and whether the camera moved or turned on the spot."""
+
+    pose: FloatArray
+    moved: bool
+
+
+class Follower:
+    """Continues the path without the map, by tracks from frame to frame, sensors, or the speed so far.
+
+    Parameters
+    ----------
+    intrinsics : (5,) or (12,) float64
+        Of the camera.
+    settings : SlamSettings
+        Thresholds and seed.
+    sensors : SensorSuite
+        What measures the motion, where there is anything.
+    """
+
+    def __init__(self, intrinsics: FloatArray, settings: SlamSettings, sensors: SensorSuite) -> None:
+        self._intrinsics, self._settings, self._sensors = intrinsics, settings, sensors
+
+    def follow(self, frame: Frame, last: Frame, result: SlamResult) -> Step | None:
+        """Pose by the tracks shared with the last frame; None where they do not determine it."""
+        in_before, in_here = common(last.view, frame.view)
+        found = relative_pose(
+            last.view.pixels[in_before],
+            frame.view.pixels[in_here],
+            self._intrinsics,
+            min_inliers=self._settings.min_inliers,
+            min_parallax_px=LEAST_PARALLAX_PX,
+            max_iterations=RANSAC_ITERATIONS,
+            seed=self._settings.seed,
+        )
+        if found.failure not in ("", "ambiguous", "rotation only"):
+            return None
+        turn = self._sensors.rotation(last.t_s, frame.t_s)
+        if turn is not None and so3.rotation_angle(turn.T @ found.camera[:, :3]) > SAME_TURN_RAD:
+            return None
+        moved = found.failure != "rotation only"
+        length = self.length(last.t_s, frame.t_s, result) if moved else 0.0
+        pose = result.poses[last.number]
+        rotation = pose[:, :3] @ found.camera[:, :3]
+        centre = pose[:, 3] + length * pose[:, :3] @ found.camera[:, 3]
+        return Step(np.column_stack([rotation, centre]), moved)
+
+    def predict(self, frame: Frame, result: SlamResult) -> FloatArray:
+        """Pose by the sensors, else at constant velocity (thesis eqs 1.1–1.3)."""
+        path, metric = result.path, result.metric
+        known = self._sensors.pose(frame.t_s) if metric else None
+        if known is not None:
+            return known
+        guess = path.predict(frame.t_s)
+        ((last, now),) = path.latest(1).items()
+        start_s = path.times[last]
+        turn = self._sensors.rotation(start_s, frame.t_s)
+        rotation = guess[:, :3] if turn is None else now[:, :3] @ turn
+        centre = self._sensors.centre(frame.t_s, rotation) if metric else None
+        if centre is None:
+            distance = self._sensors.distance(start_s, frame.t_s) if metric else None
+            centre = now[:, 3] + _predicted_step(guess, now, distance)
+        return np.asarray(np.column_stack([rotation, centre]))
+
+    def length(self, start_s: float, end_s: float, result: SlamResult) -> float:
+        """Length of the path between two times [s], by an odometer, else by the speed so far."""
+        distance = self._sensors.distance(start_s, end_s) if result.metric else None
+        if distance is None:
+            return result.path.speed(without=result.doubtful) * (end_s - start_s)
+        return distance
+
+
+def _predicted_step(guess: FloatArray, now: FloatArray, distance: float | None) -> FloatArray:
+    """Step (3,) from the pose `now` to the predicted one, of the length `distance` if that was measured."""
+    step = np.asarray(guess[:, 3] - now[:, 3])
+    if distance is None:
+        return step
+    length = float(np.linalg.norm(step))
+    return np.asarray(distance * (step / length if length > 0 else now[:, 2]))
+
+
+def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: Follower) -> None:
+    """Add a new part of the map after a gap.
+
+    Its first keyframe gets the pose to which its frame was followed. Its scale is that at which its path is
+    as long as the odometer or the speed before the gap has it. Sensors constrain its keyframes like all
+    others, the first one across the gap, so that adjustments may still move the part.
+
+    Parameters
+    ----------
+    result : SlamResult
+        The run; its map takes the part in.
+    part : WorldMap
+        Three keyframes in a frame and a unit of their own.
+    sensors : SensorSuite
+        What measures the motion.
+    follower : Follower
+        What followed the frames across the gap.
+    """
+    world = result.world
+    assert world is not None
+    lengths = [follower.length(a.t_s, b.t_s, result) for a, b in pairwise(part.keyframes)]
+    own = np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum()
+    scale = metres_per_unit(part) if world.metric else None
+    if scale is None:
+        scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
+    # The first camera of the part is its world.
+    anchor = result.poses[part.keyframes[0].frame]
+    last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]
+    for keyframe in part.keyframes:
+        rotation = anchor[:, :3] @ keyframe.pose[:, :3]
+        measured = sensors.measure(last.t_s, keyframe.t_s, rotation, metric=result.metric, previous=previous)
+        keyframe.constraints = usual_weights(world, measured)
+        last, previous = keyframe, rotation
+    world.append(part, Similarity(float(scale), anchor[:, :3], anchor[:, 3]))
