@@ -16,7 +16,7 @@ from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 
 @cache
 def read(name: str) -> KittiDrive:
-    """Read a drive by its number, or ``clip``; ``number:k/n`` is part k of n, ``number@stops`` an altered one."""
+    """Read a drive by its number, or ``clip``; ``0036:1/2`` is a part, ``0036@stops`` an altered drive."""
     name, _, change = name.partition("@")
     if change:
         return ALTERED[change](read(name))
