@@ -111,11 +111,11 @@ Sensors = Annotated[
     typer.Option("--sensor", metavar="NAME", callback=lambda names: _known_sensors(names or []),
                  help=f"Sensor to use beside the camera; repeatable: {', '.join(SENSORS)}."),
 ]  # fmt: skip
-SensorFile = Annotated[
-    Path | None,
+SensorFiles = Annotated[
+    list[Path] | None,
     typer.Option(
         metavar="FILE",
-        help="Sensor measurements: CSV, or a KITTI drive (.mat). Default: those in INPUT.",
+        help="Sensor measurements: CSV, or a KITTI drive (.mat). Repeatable; INPUT serves other sensors.",
     ),
 ]
 SensorColumns = Annotated[
@@ -184,7 +184,7 @@ def slam(
     source: Source,
     output: Output,
     sensor: Sensors = None,
-    sensor_file: SensorFile = None,
+    sensor_file: SensorFiles = None,
     sensor_column: SensorColumns = None,
     mounting: MountingOption = None,
     clock_offset: ClockOffset = None,
@@ -213,7 +213,7 @@ def slam(
     if mounting is not None and not sensor:
         reason = f"{mounting!r}: there is no --sensor that sits on it"
         raise typer.BadParameter(reason, param_hint="'--mounting'")
-    if sensor_file is not None and not sensor:
+    if sensor_file and not sensor:
         raise InvalidArgument("sensor_file: no --sensor is named that could use it")
     settings = {
         "sensors": sensor or [],

@@ -44,8 +44,8 @@ class Drive:
         What sensors measured, by kind.
     mounting : Mounting or None
         How the camera sits on the body of the sensors, where the user or a file tells.
-    sensor_file : Path or None
-        Where the streams come from, if not from the input.
+    sensor_files : tuple of Path
+        Where the streams come from that are not the input's own.
     clock_offset_s : float
         Camera time − sensor time, which the stamps of the streams have had added [s].
     seconds_read : float
@@ -57,7 +57,7 @@ class Drive:
     truth: Trajectory | None = None
     streams: Mapping[str, SensorStream] = field(default_factory=dict)
     mounting: Mounting | None = None
-    sensor_file: Path | None = None
+    sensor_files: tuple[Path, ...] = ()
     clock_offset_s: float = 0.0
     seconds_read: float = 0.0
 
@@ -85,7 +85,7 @@ class Drive:
             for stream in found:
                 require_overlap(stream, *self.frames.span_s)
         except InvalidArgument as error:
-            raise DatasetError(self.sensor_file or self.path, str(error)) from error
+            raise DatasetError([*self.sensor_files, self.path][0], str(error)) from error
         return found
 
     def _stream_of(self, name: str) -> SensorStream:
@@ -94,11 +94,11 @@ class Drive:
             if kind in self.streams:
                 return self.streams[kind]
         wanted = " or ".join(map(_with_columns, kinds))
-        if self.sensor_file is not None:
-            reason = (
-                f"holds no {wanted}, which the sensor {name!r} needs{_ignored_columns_text(self.sensor_file)}"
-            )
-            raise DatasetError(self.sensor_file, reason)
+        if self.sensor_files:
+            last = self.sensor_files[-1]
+            others = "" if len(self.sensor_files) == 1 else ", nor do the other sensor files"
+            reason = f"holds no {wanted}{others}, which the sensor {name!r} needs"
+            raise DatasetError(last, reason + _ignored_columns_text(last))
         raise InvalidArgument(f"sensor = {name!r}: the input holds no {wanted}; give --sensor-file")
 
 
@@ -118,7 +118,7 @@ def _with_columns(kind: str) -> str:
 def open_drive(
     path: str | PathLike[str],
     *,
-    sensor_file: str | PathLike[str] | None = None,
+    sensor_file: str | PathLike[str] | Sequence[str | PathLike[str]] | None = None,
     sensor_columns: Mapping[str, str | float] | None = None,
     mounting: str | Path | Mounting | None = None,
     camera: CameraArgument = None,
@@ -134,12 +134,13 @@ def open_drive(
     path : path-like
         A folder of images or a video; ``mav0`` of EuRoC, or the folder that holds it, with the images of
         ``cam0``, rates of ``imu0`` and the truth; or tracks: a KITTI drive (.mat), or a text file.
-    sensor_file : path-like, optional
+    sensor_file : path-like or sequence of them, optional
         Sensors' measurements: CSV, or a KITTI drive (.mat), which also knows when the images were taken.
-        Default: those that the input holds.
+        Those of the input serve the other sensors.
     sensor_columns : mapping of str to str or float, optional
-        Its columns, where it is a CSV with names of its own: ``{"t [ms]": "Time", "speed [km/h]": "Wheel"}``;
-        see :func:`sfmcpp.sources.io.sensor_csv.read_sensor_csv`.
+        Columns of the one file, where it is a CSV with names of its own:
+        ``{"t [ms]": "Time", "speed [km/h]": "Wheel"}``; see
+        :func:`sfmcpp.sources.io.sensor_csv.read_sensor_csv`.
     mounting : str, Path or Mounting, optional
         How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.mounting_files.mounting_of`.
         Default: what a drive tells, or ``T_BS`` or ``T_cam_imu`` of a camera in the form of EuRoC or Kalibr.
@@ -162,27 +163,25 @@ def open_drive(
     Raises
     ------
     DatasetError
-        If a file cannot be read, is of a kind that is not taken, or there are options of images for tracks.
+        If a file cannot be read, is of a kind that is not taken, or measures what another one does; if there
+        are options of images for tracks.
     InvalidArgument
-        If `clock_offset_s` is not finite, or `sensor_columns` are none or are not of a CSV.
+        If `clock_offset_s` is not finite, or `sensor_columns` are none, or not of one CSV.
     """
     started = time.perf_counter()
     source = Path(path)
-    if sensor_columns and sensor_file is None:
-        raise InvalidArgument("sensor_columns: there is no sensor file that holds them")
-    apart = None if sensor_file is None else _read_sensors(Path(sensor_file), sensor_columns)
+    files = _paths(sensor_file)
+    apart = _read_all_sensors(files, sensor_columns)
     try:
         frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
-    used = apart or own
-    how = mounting_of(mounting) or used.mounting or own.mounting
-    file = None if sensor_file is None else Path(sensor_file)
+    how = mounting_of(mounting) or apart.mounting or own.mounting
     seconds = time.perf_counter() - started
     told = mounting if mounting is not None else _file_of(camera)
     offset_s = clock_offset_of(told) if clock_offset_s is None else clock_offset_s
-    streams = {kind: stream.shifted(offset_s) for kind, stream in used.streams.items()}
-    return Drive(source, frames, truth, streams, how, file, offset_s, seconds)
+    streams = {kind: stream.shifted(offset_s) for kind, stream in apart.beside(own).items()}
+    return Drive(source, frames, truth, streams, how, files, offset_s, seconds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +191,33 @@ class _Sensors:
     streams: Mapping[str, SensorStream] = field(default_factory=dict)
     mounting: Mounting | None = None
     image_t_s: FloatArray | None = None
+
+    def beside(self, own: _Sensors) -> dict[str, SensorStream]:
+        """Its streams, and of the input's `own` those of sensors that it has nothing for."""
+        served = {kind for kinds in SENSORS.values() if self.streams.keys() & {*kinds} for kind in kinds}
+        return {**{k: s for k, s in own.streams.items() if k not in served}, **self.streams}
+
+
+def _paths(sensor_file: str | PathLike[str] | Sequence[str | PathLike[str]] | None) -> tuple[Path, ...]:
+    if sensor_file is None:
+        return ()
+    one = isinstance(sensor_file, (str, PathLike))
+    return tuple(map(Path, [sensor_file] if one else sensor_file))  # type: ignore[arg-type]
+
+
+def _read_all_sensors(files: Sequence[Path], columns: Mapping[str, str | float] | None) -> _Sensors:
+    if columns and len(files) != 1:
+        told = f"there are {len(files)} sensor files" if files else "there is no sensor file"
+        raise InvalidArgument(f"sensor_columns: {told}: must be one, which holds them")
+    found = [_read_sensors(file, columns) for file in files]
+    streams: dict[str, SensorStream] = {}
+    for file, sensors in zip(files, found, strict=True):
+        twice = streams.keys() & sensors.streams.keys()
+        if twice:
+            raise DatasetError(file, f"holds {min(twice)}, as another sensor file does: must be in one")
+        streams |= sensors.streams
+    mounting = next((some.mounting for some in found if some.mounting is not None), None)
+    return _Sensors(streams, mounting, next((s.image_t_s for s in found if s.image_t_s is not None), None))
 
 
 def _read_sensors(file: Path, columns: Mapping[str, str | float] | None) -> _Sensors:
@@ -213,7 +239,7 @@ def _read_input(
     fps: float | None,
     corners: str,
     stereo: bool,
-    apart: _Sensors | None,
+    apart: _Sensors,
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     suffix = source.suffix.lower()
     if suffix in PICTURES and not source.is_dir():
@@ -221,7 +247,7 @@ def _read_input(
     if stereo and suffix != ".mat":
         raise InvalidArgument("stereo: only KITTI drives (.mat) hold what a right camera sees")
     if source.is_dir() or suffix in VIDEOS:
-        return _read_images(source, camera, fps, corners, None if apart is None else apart.image_t_s)
+        return _read_images(source, camera, fps, corners, apart.image_t_s)
     if (camera, fps, corners) != (None, None, CORNERS[0]):
         raise InvalidArgument("camera, fps, corners: are for images, the input is tracks and holds its own")
     if suffix == ".mat":

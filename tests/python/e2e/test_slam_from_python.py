@@ -99,6 +99,42 @@ def test_columns_that_no_file_has_are_refused(files: tuple[Path, Path]) -> None:
         open_drive(drive, sensor_file="drive.mat", sensor_columns={"speed [m/s]": "V"})
 
 
+def test_each_sensor_may_have_a_file_of_its_own(tmp_path: Path, files: tuple[Path, Path]) -> None:
+    drive, speed = files
+    rows = [f"{99.5 + STEP_S * k:.1f},0,0,0" for k in range(40)]
+    rates = tmp_path / "rates.csv"
+    rates.write_text("\n".join(["t [s],wx [rad/s],wy [rad/s],wz [rad/s]", *rows]) + "\n")
+    opened = open_drive(drive, sensor_file=[speed, rates])
+    assert opened.streams.keys() == {"speed", "angular_rate"}
+    assert opened.sensor_files == (speed, rates)
+    both = tmp_path / "both.csv"
+    both.write_text("t [s],speed [m/s]\n99.5,1\n103.5,1\n")
+    with pytest.raises(DatasetError, match=r"both.csv: holds speed, as another sensor file does"):
+        open_drive(drive, sensor_file=[speed, both])
+    with pytest.raises(InvalidArgument, match="sensor_columns: there are 2 sensor files: must be one"):
+        open_drive(drive, sensor_file=[speed, rates], sensor_columns={"speed [m/s]": "V"})
+    with pytest.raises(DatasetError, match=r"rates.csv: holds no position .*nor do the other sensor files"):
+        opened.streams_of(["gps"])
+    command = ("--sensor", "odometer", "--sensor", "imu", "--mounting", "camera")
+    told = run_command(
+        "slam", drive, *command, "--sensor-file", speed, "--sensor-file", rates, "-o", tmp_path / "out"
+    )
+    assert (told.returncode, told.stderr) == (0, "")
+
+
+def test_the_input_serves_the_sensors_that_no_file_has(tmp_path: Path, data_dir: Path) -> None:
+    drive = data_dir / "kitti_tracks/2011_09_26_drive_0001_sync_KLT.mat"
+    own = open_drive(drive)
+    speed = tmp_path / "speed.csv"
+    values = np.linalg.norm(own.streams["velocity"].values, axis=1)
+    rows = [f"{t:.6f},{v}" for t, v in zip(own.streams["velocity"].t_s, values, strict=True)]
+    speed.write_text("\n".join(["t [s],speed [m/s]", *rows]) + "\n")
+    opened = open_drive(drive, sensor_file=speed)
+    # An odometer of velocities would go before one of speeds, but the user has given the latter.
+    assert opened.streams.keys() == {"speed", "angular_rate"}
+    assert [stream.kind for stream in opened.streams_of(["odometer", "imu"])] == ["speed", "angular_rate"]
+
+
 def test_a_run_gives_the_map_and_ends_where_the_callback_says(files: tuple[Path, Path]) -> None:
     seen: list[int] = []
 
