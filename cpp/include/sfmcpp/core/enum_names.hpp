@@ -67,7 +67,11 @@ constexpr std::string_view enum_name(E value) {
 // "method = 'lm'", for messages.
 template <class E>
 std::string enum_setting(E value) {
-  return std::string(EnumTraits<E>::kWhat) + " = '" + std::string(enum_name(value)) + "'";
+  std::string text(EnumTraits<E>::kWhat);
+  text += " = '";
+  text += enum_name(value);
+  text += '\'';
+  return text;
 }
 
 template <class E>
