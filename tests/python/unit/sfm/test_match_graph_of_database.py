@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 
 import sfmcpp
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model.photos import Photo
 from sfmcpp.sfm import match_graph_of_database, reconstruct
 from sfmcpp.sfm.positions import choose_positions
 from sfmcpp.sources.io.colmap.database import read_database
@@ -164,6 +166,11 @@ def test_what_is_not_used_is_said(tmp_path: Path) -> None:
     assert match_graph_of_database(path).warnings == []
 
 
+def with_more_positions(photos: Sequence[Photo]) -> list[Photo]:
+    """The photos and copies of the first: fewer than five positions are refused."""
+    return [*photos, *(replace(photos[0], name=f"more {k}.jpg") for k in range(4))]
+
+
 def covariance(*variances: float) -> str:
     return f"x'{blob(np.diag(variances), np.float64).hex()}'"
 
@@ -183,7 +190,7 @@ def test_covariances_of_positions_are_their_standard_deviations(tmp_path: Path, 
     graph = match_graph_of_database(path)
     assert [photo.position_sigmas_m for photo in graph.photos] == [(2, 3, 4), (1, 1, 0.5), None]
     assert graph.warnings == []
-    positions = choose_positions("exif", None, graph.photos)
+    positions = choose_positions("exif", None, with_more_positions(graph.photos))
     assert positions is not None
     assert positions.sigmas_m is not None
     np.testing.assert_array_equal(positions.sigmas_m[:2], [[2, 3, 4], [1, 1, 0.5]])
@@ -203,7 +210,7 @@ def test_covariances_of_some_positions_do_not_count(tmp_path: Path, missing: str
     (warning,) = graph.warnings
     assert warning.startswith("covariances of position priors in the database (1) are not used, as 1 po")
     assert "c.jpg" in warning
-    positions = choose_positions("exif", None, graph.photos)
+    positions = choose_positions("exif", None, with_more_positions(graph.photos))
     assert positions is not None
     assert positions.sigmas_m is None
     change(path, f"UPDATE pose_priors SET position_covariance = {missing}")
