@@ -68,9 +68,9 @@ def facts_of(source: Path) -> list[Fact]:
         return list(_drive(source))
     suffixes = {suffix.lower() for suffix in source.suffixes}
     if ".csv" in suffixes:
-        return _first_that_fits(source, (_sensors, _tracks, _positions, _trajectory))
+        return _first_that_fits(source, (_sensors, _tracks, _control_points, _positions, _trajectory))
     if ".txt" in suffixes:
-        readers = (_problem, _tracks, _trajectory, _sensors, _positions, _image_tracks)
+        readers = (_problem, _tracks, _trajectory, _sensors, _control_points, _positions, _image_tracks)
         return _first_that_fits(source, readers)
     return _first_that_fits(source, (_problem, _image_tracks))
 
@@ -270,6 +270,18 @@ def _streams(streams: Iterable[SensorStream]) -> Iterator[Fact]:
         count = len(stream.gaps())
         gaps = f", {count:,} gap{'s' * (count > 1)}" if count else ""
         yield name, f"{stream.kind.replace('_', ' ')}: {_span(stream.t_s)}{gaps}"
+
+
+def _control_points(source: Path) -> Iterator[Fact]:
+    from sfmcpp.sources.io import read_control_points
+
+    found = read_control_points(source)
+    images = len({mark.image for mark in found.marks})
+    axes = "latitude, longitude, height" if found.geodetic else "x, y, z [m]"
+    sigmas = "without" if found.sigmas_m is None else "with"
+    yield "format", "ground control points and their marks"
+    yield "points", f"{len(found.names):,}, {len(found.checks):,} of them check points: {axes}, {sigmas} σ"
+    yield "marks", f"{len(found.marks):,} in {images:,} images"
 
 
 def _positions(source: Path) -> Iterator[Fact]:

@@ -74,6 +74,21 @@ def test_sensor_files_tell_each_stream_its_rate_and_its_gaps(tmp_path: Path) -> 
     assert found["left out"] == "columns of unknown names: air"
 
 
+def test_control_points_are_told_from_positions_of_images(tmp_path: Path) -> None:
+    (tmp_path / "gcp.csv").write_text(
+        "name,x,y,z,image,u,v,check\na,1,2,3,1.jpg,4,5,0\na,1,2,3,2.jpg,4,5,0\nb,1,2,4,1.jpg,6,7,1\n"
+    )
+    found = facts(tmp_path / "gcp.csv")
+    assert found["format"] == "ground control points and their marks"
+    assert found["points"] == "2, 1 of them check points: x, y, z [m], without σ"
+    assert found["marks"] == "3 in 2 images"
+    (tmp_path / "geo.txt").write_text("EPSG:4326\n1.jpg -92 46.8 200\n")
+    assert (
+        facts(tmp_path / "geo.txt")["positions"]
+        == "1: latitude, longitude, height, without standard deviations"
+    )
+
+
 def test_tracks_trajectories_and_positions_are_told_apart(tmp_path: Path) -> None:
     drive = vehicle_drive(60.0, frame_hz=5.0, seed=0)
     arrays = (drive.t_s, drive.frame_index, drive.track_index, drive.pixels, drive.intrinsics)
