@@ -29,7 +29,7 @@ def with_stops(drive: KittiDrive) -> KittiDrive:
     step_s = float(np.median(np.diff(drive.t_s)))
     times = np.arange(0.0, wall_s[-1], step_s)
     at_s = drive.t_s[0] + np.interp(times, wall_s, driven_s)
-    streams = {name: _at_pace(getattr(drive, name), drive, wall_s, driven_s) for name in _STREAMS}
+    streams = {name: _at_pace(getattr(drive, name), drive, wall_s, driven_s) for name in STREAMS}
     t_s = drive.t_s[0] + times
     poses = interpolate_poses(drive.t_s, drive.truth.poses, at_s)
     return replace(_seen_at(drive, at_s), t_s=t_s, truth=Trajectory(t_s, poses), **streams)
@@ -39,7 +39,7 @@ def backwards(drive: KittiDrive) -> KittiDrive:
     """The vehicle drives the same way from its end to its start, in reverse gear."""
     last, turned_s = len(drive.t_s) - 1, drive.t_s[0] + drive.t_s[-1]
     t_s = turned_s - drive.t_s[::-1]
-    streams = {name: _reversed(getattr(drive, name), turned_s) for name in _STREAMS}
+    streams = {name: _reversed(getattr(drive, name), turned_s) for name in STREAMS}
     truth = Trajectory(t_s, drive.truth.poses[::-1].copy())
     order = np.lexsort([drive.track_index, last - drive.frame_index])
     seen = replace(drive, frame_index=last - drive.frame_index)
@@ -79,7 +79,7 @@ ALTERED: dict[str, Callable[[KittiDrive], KittiDrive]] = {
     "half-the-tracks": with_half_the_tracks,
     "noisy": with_noisy_pixels,
 }
-_STREAMS = ("velocity", "angular_rate")
+STREAMS = ("velocity", "angular_rate")
 
 
 def _pace(seconds: float) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from experiments.altered_drives import ALTERED, rows_of
+from experiments.altered_drives import ALTERED, STREAMS, rows_of
 from experiments.real_problems import data_folder
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.sources.frames import open_images
@@ -34,7 +34,7 @@ def _part(whole: KittiDrive, number: int, parts: int) -> KittiDrive:
     begin, end = (len(whole.t_s) * k // parts for k in (number - 1, number))
     kept = (whole.frame_index >= begin) & (whole.frame_index < end)
     truth, first_s = whole.truth, whole.t_s[begin]
-    streams = {name: _from(getattr(whole, name), first_s) for name in ("velocity", "angular_rate")}
+    streams = {name: _from(getattr(whole, name), first_s) for name in STREAMS}
     some = rows_of(whole, np.flatnonzero(kept))
     return replace(
         some,

@@ -45,8 +45,9 @@ class Control:
             return
         if gps is not None:
             raise InvalidArgument("--gcp: must be without --gps; in Python, a solve takes both constraints")
+        geodetic = self._points.geodetic
         if positions is not None:
-            require_positions_format(positions, geodetic=self._points.geodetic)
+            require_positions_format(positions, geodetic=geodetic)
 
     def refuse_ranks(self) -> None:
         """Raise InvalidArgument if there are any; no process has the whole."""

@@ -277,10 +277,10 @@ def _control_points(source: Path) -> Iterator[Fact]:
 
     found = read_control_points(source)
     images = len({mark.image for mark in found.marks})
-    axes = "latitude, longitude, height" if found.geodetic else "x, y, z [m]"
     sigmas = "without" if found.sigmas_m is None else "with"
+    counts = f"{len(found.names):,}, {len(found.checks):,} of them check points"
     yield "format", "ground control points and their marks"
-    yield "points", f"{len(found.names):,}, {len(found.checks):,} of them check points: {axes}, {sigmas} σ"
+    yield "points", f"{counts}: {_axes(geodetic=found.geodetic)}, {sigmas} σ"
     yield "marks", f"{len(found.marks):,} in {images:,} images"
 
 
@@ -289,11 +289,15 @@ def _positions(source: Path) -> Iterator[Fact]:
 
     found = read_position_csv(source, numbered=True)
     yield "format", "positions of images"
-    axes = "latitude, longitude, height" if found.geodetic else "x, y, z [m]"
     sigmas = "without" if found.sigmas is None else "with"
+    axes = _axes(geodetic=found.geodetic)
     yield "positions", f"{len(found.positions):,}: {axes}, {sigmas} standard deviations"
     if found.unread:
         yield "not read", f"columns that seem to be standard deviations: {', '.join(found.unread)}"
+
+
+def _axes(*, geodetic: bool) -> str:
+    return "latitude, longitude, height" if geodetic else "x, y, z [m]"
 
 
 def _trajectory(source: Path) -> Iterator[Fact]:

@@ -98,10 +98,10 @@ def solve_file(job: Job) -> ExitCode:
     started = time.perf_counter()
     problem = _problem(job)
     job.targets.check_fits(problem, refined=job.refine is not None)
-    if job.control.source is None:
+    if job.control.source is None:  # its points make another world of it
         job.gps.check_fits(job.targets.positions, problem)
-    if job.control.source is None and not job.quiet and job.options.get("max_iterations") != 0:
-        job.gps.tell_if_missing(job.source, problem)
+        if not job.quiet and job.options.get("max_iterations") != 0:
+            job.gps.tell_if_missing(job.source, problem)
     seconds_read = time.perf_counter() - started
     georeferenced = job.gps.georeference(problem, job.options)
     controlled = job.control.fit(problem, job.options)

@@ -85,7 +85,7 @@ class Drive:
             for stream in found:
                 require_overlap(stream, *self.frames.span_s)
         except InvalidArgument as error:
-            raise DatasetError([*self.sensor_files, self.path][0], str(error)) from error
+            raise DatasetError(next(iter(self.sensor_files), self.path), str(error)) from error
         return found
 
     def _stream_of(self, name: str) -> SensorStream:

@@ -76,7 +76,11 @@ def gps_rows(gps: GpsOutcome) -> Iterator[tuple[str, str]]:
 def residuals_text(gps: GpsOutcome) -> str:
     """How far the images lie from their positions along the axes, but for those that were left out."""
     axes = "east, north, up" if gps.geodetic else "x, y, z"
-    return f"RMS {', '.join(f'{value:.3g}' for value in gps.rms_m or ())} m ({axes})"
+    return f"RMS {_listed_m(gps.rms_m or ())} ({axes})"
+
+
+def _listed_m(lengths_m: Iterable[float]) -> str:
+    return f"{', '.join(f'{length:.3g}' for length in lengths_m)} m"
 
 
 def control_rows(control: ControlOutcome) -> Iterator[tuple[str, str]]:
@@ -87,8 +91,8 @@ def control_rows(control: ControlOutcome) -> Iterator[tuple[str, str]]:
             continue
         distances = np.linalg.norm(control.offsets_m[some], axis=1)
         worst = control.names[some[int(np.argmax(distances))]]
-        axes = ", ".join(f"{value:.3g}" for value in rms)
-        yield title, f"{len(some)}; off by {axes} m (RMS by axis), most {worst!r} {distances.max():.3g} m"
+        most = f"{worst!r} {_listed_m([distances.max()])}"
+        yield title, f"{len(some)}; off by {_listed_m(rms)} (RMS by axis), most {most}"
     yield (
         "marks",
         f"{int(control.num_marks.sum())}; {control.errors_px.mean():.3g} px from their images (mean)",

@@ -21,6 +21,7 @@ from pathlib import Path
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, with_decimal_points
 from sfmcpp.sources.io.position_columns import (
+    NumberedLine,
     PositionColumns,
     Triple,
     index_of_first,
@@ -109,11 +110,10 @@ def read_control_points(path: str | PathLike[str]) -> ControlPoints:
         its range, a point has two positions, or an image shows a point twice.
     """
     source = Path(path)
-    first = next(iter(numbered_lines(source)), None)
-    if first is None:
-        raise DatasetError(source, "is empty")
-    lines = _lines_of_list(source) if names_projection(first[1]) else _lines_of_table(source)
-    return _points_of(source, list(lines))
+    lines = list(numbered_lines(source))
+    is_list = bool(lines) and names_projection(lines[0][1])
+    read = _lines_of_list if is_list else _lines_of_table
+    return _points_of(source, list(read(source, lines)))
 
 
 @dataclass(frozen=True)
@@ -138,16 +138,17 @@ def _points_of(source: Path, lines: Sequence[_Line]) -> ControlPoints:
     if not lines:
         raise DatasetError(source, "holds no mark")
     first: dict[str, _Line] = {}
+    numbers: dict[str, int] = {}
     marks: dict[tuple[str, str], Mark] = {}
     for line in lines:
         known = first.setdefault(line.name, line)
+        numbers.setdefault(line.name, len(numbers))
         if known.point != line.point:
             rule = f"must be as in line {known.number}"
             raise DatasetError(source, f"point {line.name!r} is told otherwise: {rule}", line.number)
         if (line.name, line.image) in marks:
             raise DatasetError(source, f"point {line.name!r} is marked twice in {line.image!r}", line.number)
-        number = list(first).index(line.name)
-        marks[line.name, line.image] = Mark(number, line.image, line.pixel)
+        marks[line.name, line.image] = Mark(numbers[line.name], line.image, line.pixel)
     points = list(first.values())
     sigmas = [point.sigmas for point in points if point.sigmas is not None]
     return ControlPoints(
@@ -160,8 +161,8 @@ def _points_of(source: Path, lines: Sequence[_Line]) -> ControlPoints:
     )
 
 
-def _lines_of_table(source: Path) -> Iterator[_Line]:
-    (number, headers), rows = table_of(source)
+def _lines_of_table(source: Path, lines: Sequence[NumberedLine]) -> Iterator[_Line]:
+    (number, headers), rows = table_of(source, lines)
     titles = [normalised_header(header) for header in headers]
     try:
         places = [_place(headers, titles, names) for names in (_NAMES, _IMAGES, _U, _V)]
@@ -200,9 +201,9 @@ def _is_check(source: Path, line: int, cell: str) -> bool:
     return cell.lower() in _YES
 
 
-def _lines_of_list(source: Path) -> Iterator[_Line]:
+def _lines_of_list(source: Path, lines: Sequence[NumberedLine]) -> Iterator[_Line]:
     """Marks of a gcp_list.txt; points without names are told apart by their positions."""
-    (_, projection), *rows = numbered_lines(source)
+    (_, projection), *rows = lines
     geodetic = projection_is_degrees(projection)
     for number, line in rows:
         cells = line.split()

@@ -13,12 +13,12 @@ from sfmcpp.sources.io.csv_text import (
     DEGREES,
     LENGTH,
     finite_number,
-    numbered_lines,
     separator_of,
     unit_factor,
 )
 
 Triple = tuple[float, float, float]
+NumberedLine = tuple[int, str]
 Row = tuple[int, list[str]]
 _NAMES = (
     *("name", "image", "file", "filename", "label", "photo", "sourcefile"),
@@ -78,15 +78,15 @@ def position_of_list(source: Path, line: int, cells: Sequence[str], *, geodetic:
     return (y, x, z) if geodetic else (x, y, z)
 
 
-def table_of(source: Path) -> tuple[Row, list[Row]]:
-    """Read the header and the other lines of a table: their numbers and cells, as many as the header has.
+def table_of(source: Path, numbered: Sequence[NumberedLine]) -> tuple[Row, list[Row]]:
+    """Split the lines of a table: numbers and cells of the header and the others, as many as the header has.
 
     Raises
     ------
     DatasetError
-        If the file cannot be read or is empty, or a line has more cells than the header.
+        If there is no line, or one has more cells than the header.
     """
-    lines = _without_comments(list(numbered_lines(source)))
+    lines = _without_comments(numbered)
     if not lines:
         raise DatasetError(source, "is empty")
     separator = separator_of(lines[0][1])
@@ -107,7 +107,7 @@ def _cells(source: Path, number: int, line: str, separator: str) -> list[str]:
         raise DatasetError(source, str(error), number) from error
 
 
-def _without_comments(lines: list[tuple[int, str]]) -> list[tuple[int, str]]:
+def _without_comments(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
     """The header, which may begin as comments do, and the lines that do not."""
     is_comment = [line.lstrip().startswith("#") for _, line in lines]
     rows = [line for line, comment in zip(lines, is_comment, strict=True) if not comment]

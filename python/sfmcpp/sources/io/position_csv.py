@@ -17,6 +17,7 @@ three angles and two accuracies if known; latitudes and longitudes are ``EPSG:43
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -24,6 +25,7 @@ from pathlib import Path
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, with_decimal_points
 from sfmcpp.sources.io.position_columns import (
+    NumberedLine,
     PositionColumns,
     Triple,
     names_projection,
@@ -86,10 +88,10 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
         its range, a standard deviation is not positive, or a name stands there twice.
     """
     source = Path(path)
-    first = next(iter(numbered_lines(source)), None)
-    if first is not None and names_projection(first[1]):
-        return _positions_of_list(source)
-    headers, rows = table_of(source)
+    lines = list(numbered_lines(source))
+    if lines and names_projection(lines[0][1]):
+        return _positions_of_list(source, lines)
+    headers, rows = table_of(source, lines)
     try:
         columns = PositionColumns.of(headers[1], numbered=numbered)
     except ValueError as error:
@@ -112,9 +114,9 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     return NamedPositions(found, columns.geodetic, sigmas if columns.sigmas else None, by_number, unread)
 
 
-def _positions_of_list(source: Path) -> NamedPositions:
+def _positions_of_list(source: Path, lines: Sequence[NumberedLine]) -> NamedPositions:
     """Read a geo.txt of OpenDroneMap: name x y z, with angles, and accuracies in plane and height behind."""
-    (_, projection), *rows = numbered_lines(source)
+    (_, projection), *rows = lines
     geodetic = projection_is_degrees(projection)
     found: dict[str, Triple] = {}
     sigmas: dict[str, Triple] = {}
