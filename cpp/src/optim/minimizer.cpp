@@ -4,8 +4,8 @@
 #include <cmath>
 #include <optional>
 
-#include "model_line.hpp"
 #include "sfmcpp/linear/step_algebra.hpp"
+#include "step_trial.hpp"
 #include "stopping.hpp"
 
 namespace sfmcpp::optim {
@@ -26,13 +26,8 @@ class Minimizer {
         clock_(clock),
         stops_(events, options.termination, clock, model.normal_equations().exchange()),
         state_(state),
-        candidate_(state),
         strategy_(make_step_strategy(options)),
-        line_search_(make_line_search(options.line_search)),
-        acceleration_(options),
-        point_steps_(point_steps_of(options)) {
-    if (line_search_ || acceleration_.is_possible()) trial_ = state;
-  }
+        trial_(model, solver, options, state) {}
 
   MinimizerSummary run(const Resumption* resumed) {
     start();
@@ -120,7 +115,7 @@ class Minimizer {
     } catch (const Stopped&) {
       if (cost_ == before || !events_.on_resumable) return cost_ != before;
       // A run that goes on later makes the step again, and all that follows from it.
-      std::swap(state_, candidate_);
+      std::swap(state_, trial_.candidate().state);
       cost_ = before;
       return false;
     }
@@ -148,7 +143,7 @@ class Minimizer {
   }
 
   void try_step() {
-    choose_candidate();
+    if (result_.valid) trial_.evaluate(state_, cost_, step_, now_);
     if (step_is_successful()) {
       accept();
     } else {
@@ -156,81 +151,15 @@ class Minimizer {
     }
   }
 
-  void choose_candidate() {
-    if (!result_.valid) return;
-    ModelLine line(model_, state_, step_, cost_, candidate_, trial_);
-    candidate_cost_ = unit_cost_ = line.cost(now_.lengths);
-    if (line_search_ && search_is_due()) search(line);
-    now_.cost_evaluations = line.num_evaluations();
-    if (holding_back_is_due()) hold_back();
-    if (now_.held_points == 0 && acceleration_.is_due(solver_)) accelerate();
-    if (point_steps_ == PointSteps::kRefitted) refit_points();
-  }
-
-  bool holding_back_is_due() const {
-    return point_steps_ != PointSteps::kWhole &&
-           (!step_is_successful() || model_.growth() > kWorthHoldingBack * candidate_cost_);
-  }
-
-  // A failed step of which nothing but a negligible decrease can be saved has failed.
-  void hold_back() {
-    const long held = model_.hold_back(state_, candidate_);
-    if (held == 0) return;
-    const double cost = model_.cost(candidate_);
-    ++now_.cost_evaluations;
-    const double least = step_is_successful() ? 0.0 : options_.termination.function_tolerance;
-    if (!(cost_ - cost > least * cost_)) return;
-    now_.held_points = held;
-    candidate_cost_ = unit_cost_ = cost;
-  }
-
-  void refit_points() {
-    now_.refitted_points =
-        model_.refit(state_, step_, std::min(cost_, candidate_cost_), candidate_);
-    if (now_.refitted_points == 0) return;
-    candidate_cost_ = unit_cost_ = model_.cost(candidate_);
-    ++now_.cost_evaluations;
-  }
-
-  // The accelerated step where its cost is lower; the strategy then learns from it. A λ that
-  // learned from steps without acceleration took a third more of them.
-  void accelerate() {
-    const linear::Step* bent = acceleration_.bend(model_, solver_, state_, step_);
-    if (bent == nullptr) return;
-    model_.plus(state_, *bent, StepLengths{}, trial_);
-    const double cost = model_.cost(trial_);
-    ++now_.cost_evaluations;
-    now_.accelerated = cost < candidate_cost_;
-    if (!now_.accelerated) return;
-    candidate_cost_ = unit_cost_ = cost;
-    std::swap(candidate_, trial_);
-  }
-
-  // Thesis §4.4.3.2: in the first iterations, where λ is large, or where the unit step fails.
-  bool search_is_due() const {
-    const LineSearchOptions& when = options_.line_search;
-    return now_.number <= when.iterations ||
-           (when.damping_threshold && now_.damping > *when.damping_threshold) ||
-           (when.on_rejection && !step_is_successful());
-  }
-
-  void search(ModelLine& line) {
-    LineSearchResult result = line_search_->search(line);
-    now_.line_searched = true;
-    now_.lengths = result.lengths;
-    now_.proposed_lengths = std::move(result.proposed);
-    candidate_cost_ = line.settle(now_.lengths);
-  }
-
   // A cost that is not finite compares false.
-  bool step_is_successful() const { return result_.valid && candidate_cost_ < cost_; }
+  bool step_is_successful() { return result_.valid && trial_.candidate().cost < cost_; }
 
   void accept() {
-    const double decrease = cost_ - candidate_cost_;
-    std::swap(state_, candidate_);
+    const double decrease = cost_ - trial_.candidate().cost;
+    std::swap(state_, trial_.candidate().state);
     model_.normalize(state_);
     update_strategy();
-    cost_ = candidate_cost_;
+    cost_ = trial_.candidate().cost;
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease) &&
         kept_its_promise(decrease, result_.predicted_decrease, negligible()) && is_stationary()) {
       finish(endings::kDecreaseIsSmall);
@@ -243,8 +172,9 @@ class Minimizer {
 
   // The strategy learns from its own step, at unit length, whatever a line search made of it.
   void update_strategy() {
-    if (unit_cost_ < cost_) {
-      strategy_->accepted((cost_ - unit_cost_) / result_.predicted_decrease);
+    const double unit_cost = trial_.candidate().unit_cost;
+    if (unit_cost < cost_) {
+      strategy_->accepted((cost_ - unit_cost) / result_.predicted_decrease);
     } else {
       strategy_->rejected();
       strategy_->moved();
@@ -311,10 +241,10 @@ class Minimizer {
   double negligible() const { return negligible_decrease(options_.termination, cost_); }
 
   // A rejected step whose predicted and true effect are both below the tolerance: rounding decides.
-  bool change_is_negligible() const {
+  bool change_is_negligible() {
     const double tolerated = options_.termination.function_tolerance * cost_;
     return result_.valid && result_.predicted_decrease <= tolerated &&
-           std::abs(candidate_cost_ - cost_) <= tolerated && is_stationary();
+           std::abs(trial_.candidate().cost - cost_) <= tolerated && is_stationary();
   }
 
   void record() {
@@ -365,20 +295,14 @@ class Minimizer {
   const Stopwatch& clock_;
   Stops stops_;
   State& state_;
-  State candidate_;
-  State trial_;  // room for a line search or an acceleration
   std::unique_ptr<StepStrategy> strategy_;
-  std::unique_ptr<LineSearch> line_search_;
-  GeodesicAcceleration acceleration_;
-  PointSteps point_steps_;
+  StepTrial trial_;
 
   linear::Step step_;
   StepResult result_;
   Iteration now_;
   double cost_ = 0.0;
   double largest_prediction_ = 0.0;  // largest decrease that the model has predicted
-  double candidate_cost_ = 0.0;
-  double unit_cost_ = 0.0;
   bool finished_ = false;
   bool time_ends_step_ = false;  // no step can be made of what there is of it
   std::vector<double> numbers_;  // as kept after the last iteration; none where the state has moved
