@@ -1,6 +1,6 @@
 """Far starts: from how many of them each solver finds the minimum that the truth leads to.
 
-    python bench/peers/hard_starts.py [--seeds 600 601 …] [--levels 1 2 4] [--ways sfmcpp whole ceres]
+    python bench/peers/hard_starts.py [--seeds 600 601 …] [--levels 1 2 4] [--ways sfmcpp all-at-once whole ceres]
                                       [--extra FILE …] [--loss squared] [--out DIR]
 
 Seven synthetic scenes; at level n points and positions start 0.3 n m off, rotations n degrees, the focal
@@ -10,8 +10,8 @@ lengths of photo collections 5 n %. A line for each level and way, over the scen
     excess      geometric mean of the end over that cost, no less than 1
     seconds     geometric mean, one thread
 
-`sfmcpp` runs with its defaults, `whole` without refitted points, `ceres` with DENSE_SCHUR and its defaults;
-each for 100 iterations at a function tolerance of 1e-7. Extra files have no truth: their ends are listed.
+`sfmcpp` runs with its defaults, `all-at-once` without holding intrinsics, `whole` also without refitted points,
+`ceres` with DENSE_SCHUR and its defaults; each for 100 iterations at a function tolerance of 1e-7. Extra files have no truth: their ends are listed.
 Seeds below 600 were used for tuning.
 """
 
@@ -22,7 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +41,11 @@ SCENES = (
     ("sphere", 40),
     ("street-loop", 60),
 )
+WAYS = {
+    "sfmcpp": {},
+    "all-at-once": {"intrinsic_steps": "whole"},
+    "whole": {"intrinsic_steps": "whole", "point_steps": "whole"},
+}
 RULE = StoppingRule(max_iterations=100, function_tolerance=1e-7)
 WITHIN = 1e-3
 
@@ -62,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print("| level | way | arrived | excess | seconds |\n|---|---|--:|--:|--:|")
     for level in args.levels:
         starts = [_scene(args.out, *scene, seed, level) for scene in SCENES for seed in args.seeds]
-        least = [_sfmcpp(truth, args.loss).cost for _, truth in starts]
+        least = [_sfmcpp(truth, args.loss, {}).cost for _, truth in starts]
         for way in args.ways:
             ends = [_solve(way, start, args.loss) for start, _ in starts]
             excess = np.maximum([end.cost for end in ends], least) / least
@@ -101,16 +106,16 @@ def _scene(folder: Path, name: str, cameras: int, seed: int, level: float) -> tu
 def _solve(way: str, path: Path, loss: str) -> End:
     if way == "ceres":
         return _ceres(path)
-    return _sfmcpp(path, loss, "auto" if way == "sfmcpp" else way)
+    return _sfmcpp(path, loss, WAYS[way])
 
 
-def _sfmcpp(path: Path, loss: str, point_steps: str = "auto") -> End:
+def _sfmcpp(path: Path, loss: str, options: Mapping[str, str]) -> End:
     problem = sfmcpp.read(path)
     begin = time.perf_counter()
     summary = sfmcpp.solve(
         problem,
+        **options,
         loss=loss,
-        point_steps=point_steps,
         threads=1,
         max_iterations=RULE.max_iterations,
         function_tolerance=RULE.function_tolerance,
@@ -139,7 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=[600, 601, 602, 603, 604])
     parser.add_argument("--levels", type=float, nargs="+", default=[1.0, 2.0, 4.0])
-    parser.add_argument("--ways", nargs="+", default=["sfmcpp", "whole", "ceres"])
+    parser.add_argument("--ways", nargs="+", default=[*WAYS, "ceres"], choices=[*WAYS, "ceres"])
     parser.add_argument("--extra", type=Path, nargs="*", default=[], metavar="FILE")
     parser.add_argument("--loss", default="squared", help="of sfmcpp; ceres has none here")
     parser.add_argument("--out", type=Path, default=Path("hard-starts"))

@@ -62,6 +62,7 @@ BundleModel::BundleModel(const Problem& problem,
       rows_(rows),
       map_(map),
       free_intrinsics_(std::move(free_intrinsics)),
+      late_intrinsics_(problem, map, free_intrinsics_),
       frames_(problem, sensor_column(problem, free_intrinsics_.size())),
       pool_(pool),
       exchange_(exchange),
@@ -90,6 +91,14 @@ void BundleModel::make_room_for_weights() {
   if (images_.is_robust())
     weights_.assign(static_cast<std::size_t>(graph_.num_observations()) + residuals::kReadAhead,
                     1.0);
+}
+
+bool BundleModel::moves_intrinsics_far(const State& start, const State& candidate) const {
+  return late_intrinsics_.have_moved_far(start, candidate);
+}
+
+void BundleModel::hold_intrinsics(bool held) {
+  normal_.hold(held ? late_intrinsics_.columns() : std::vector<char>{});
 }
 
 bool BundleModel::sharpen(State& state) { return loss_stages_ && loss_stages_->sharpen(state); }

@@ -21,7 +21,7 @@ void refuse_acceleration(const optim::MinimizerOptions& minimizer) {
   const optim::Acceleration kind = minimizer.acceleration;
   if (kind == optim::Acceleration::kNone || kind == optim::Acceleration::kAuto) return;
   const std::string option = enum_setting(kind);
-  if (!facts_of(minimizer.method).can_accelerate())
+  if (!facts_of(minimizer.method).solves_damped_system())
     refuse(option, minimizer.method, "its step does not solve a damped system");
   if (minimizer.line_search.kind != optim::LineSearchKind::kNone)
     refuse(option, minimizer.line_search.kind, "a step is bent or searched along, not both");
@@ -35,6 +35,15 @@ void refuse_point_steps(const optim::MinimizerOptions& minimizer) {
     refuse(option, minimizer.method, "it does not try another step");
   if (minimizer.line_search.kind != optim::LineSearchKind::kNone)
     refuse(option, minimizer.line_search.kind, "the search decides how far points go");
+}
+
+void refuse_intrinsic_steps(const optim::MinimizerOptions& minimizer) {
+  if (minimizer.intrinsic_steps != optim::IntrinsicSteps::kLate) return;
+  const std::string option = enum_setting(minimizer.intrinsic_steps);
+  if (!facts_of(minimizer.method).solves_damped_system())
+    refuse(option, minimizer.method, "its step does not solve a damped system");
+  if (minimizer.line_search.kind != optim::LineSearchKind::kNone)
+    refuse(option, minimizer.line_search.kind, "the search decides how far steps go");
 }
 
 // A comparison of tests without the search that has them would compare nothing.
@@ -57,6 +66,7 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
     refuse("initial_radius", method, "only 'dog-leg' has a radius");
   refuse_acceleration(minimizer);
   refuse_point_steps(minimizer);
+  refuse_intrinsic_steps(minimizer);
   refuse_backtracking_test(search);
   if (options.loss_table && options.loss != LossKind::kSquared) {
     throw InvalidArgument(enum_setting(options.loss) +

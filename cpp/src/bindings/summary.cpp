@@ -31,6 +31,7 @@ void bind_iteration(py::module_& m) {
       .def_readonly("accelerated", &I::accelerated)
       .def_readonly("held_points", &I::held_points)
       .def_readonly("refitted_points", &I::refitted_points)
+      .def_readonly("intrinsics_held", &I::intrinsics_held)
       .def_readonly("cost_evaluations", &I::cost_evaluations)
       .def_readonly("linear_solver_iterations", &I::linear_solver_iterations);
 }

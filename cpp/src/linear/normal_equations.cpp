@@ -16,6 +16,8 @@ namespace {
 // their reach would make steps depend on units.
 constexpr double kMinDiagonal = 1e-32;
 constexpr double kMaxDiagonal = 1e32;
+// Of unknowns that are held: their steps are a millionth of what they would be by themselves.
+constexpr Damping kHeldDamping{1e6, DampingMatrix::kDiagonal};
 
 // How many observations ahead a record is prefetched: the records of a point lie anywhere in
 // memory.
@@ -261,8 +263,13 @@ void NormalEquations::fold_chunks(const double* blocks,
 
 std::vector<double> NormalEquations::camera_damping(const Damping& damping) const {
   std::vector<double> diagonal(camera_diagonal_.size());
-  for (std::size_t k = 0; k < diagonal.size(); ++k) diagonal[k] = damping(camera_diagonal_[k]);
+  for (std::size_t k = 0; k < diagonal.size(); ++k) diagonal[k] = damping_of(k, damping);
   return diagonal;
+}
+
+double NormalEquations::damping_of(std::size_t column, const Damping& damping) const {
+  const double entry = camera_diagonal_[column];
+  return !held_.empty() && held_[column] != 0 ? kHeldDamping(entry) : damping(entry);
 }
 
 double NormalEquations::max_diagonal() const {
@@ -296,7 +303,7 @@ double NormalEquations::model_decrease(const Step& step) const {
 double NormalEquations::predicted_decrease(const Step& step, const Damping& damping) const {
   double of_cameras = 0.0;
   for (std::size_t k = 0; k < camera_rhs_.size(); ++k) {
-    of_cameras += step.camera[k] * (camera_rhs_[k] + damping(camera_diagonal_[k]) * step.camera[k]);
+    of_cameras += step.camera[k] * (camera_rhs_[k] + damping_of(k, damping) * step.camera[k]);
   }
   return 0.5 * sum_over_points(*this, of_cameras, [&](int p, CompensatedSum& sum) {
            const PointBlock& block = point_block(p);

@@ -55,7 +55,7 @@ void add_to_cameras(const linear::NormalEquations& normal,
 
 GeodesicAcceleration::GeodesicAcceleration(const MinimizerOptions& options)
     : possible_(options.acceleration != Acceleration::kNone &&
-                facts_of(options.method).can_accelerate() &&
+                facts_of(options.method).solves_damped_system() &&
                 options.line_search.kind == LineSearchKind::kNone),
       unknowns_(options.acceleration == Acceleration::kGeodesic ? linear::Unknowns::kAll
                                                                 : linear::Unknowns::kPoints) {}

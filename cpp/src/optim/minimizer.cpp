@@ -27,7 +27,8 @@ class Minimizer {
         stops_(events, options.termination, clock, model.normal_equations().exchange()),
         state_(state),
         strategy_(make_step_strategy(options)),
-        trial_(model, solver, options, state) {}
+        trial_(model, solver, options, state),
+        may_hold_intrinsics_(holds_intrinsics(options)) {}
 
   MinimizerSummary run(const Resumption* resumed) {
     start();
@@ -38,6 +39,7 @@ class Minimizer {
     }
     while (!finished()) {
       const bool stands = !make_step();
+      if (intrinsics_can_be_freed()) free_intrinsics();
       if (has_settled() && model_.sharpen(state_)) begin_stage();
       if (converged() && model_.leave(state_, cost_)) begin_stage();
       if (stands && finished()) break;
@@ -55,6 +57,8 @@ class Minimizer {
     archive.keep(summary_.iterations);
     archive.keep(cost_);
     archive.keep(largest_prediction_);
+    archive.keep(may_hold_intrinsics_);
+    archive.keep(holds_intrinsics_);
     strategy_->keep(archive);
     model_.keep(archive);
     std::vector<int> solves = solver_.iterations_of_solves();
@@ -85,6 +89,7 @@ class Minimizer {
     numbers_ = resumed.numbers;
     state_ = resumed.state;
     now_ = summary_.iterations.back();
+    model_.hold_intrinsics(holds_intrinsics_);
     model_.linearize(state_);
     heed(stops_.agree_on(Signal::kContinue));
   }
@@ -122,17 +127,8 @@ class Minimizer {
   }
 
   void compute_step() {
-    now_ = Iteration{.number = now_.number + 1,
-                     .damping = strategy_->damping(),
-                     .gradient_norm = gradient_norm()};
-    time_ends_step_ = true;
-    result_ = strategy_->compute(
-        model_.normal_equations(), solver_, [this] { return stop_requested(); }, step_);
-    time_ends_step_ = false;
-    now_.damping = strategy_->damping();
-    now_.linear_solver_iterations = result_.linear_solver_iterations;
+    solve_for_step(now_.number + 1);
     if (!result_.valid) return;
-    now_.step_norm = norm(model_.normal_equations(), step_);
     largest_prediction_ = std::max(largest_prediction_, result_.predicted_decrease);
     const double length = options_.termination.parameter_tolerance * model_.size(state_);
     const auto& past = summary_.iterations;
@@ -142,13 +138,76 @@ class Minimizer {
       finish_negligible();
   }
 
+  void solve_for_step(int number) {
+    now_ = Iteration{.number = number,
+                     .damping = strategy_->damping(),
+                     .gradient_norm = gradient_norm(),
+                     .intrinsics_held = holds_intrinsics_};
+    time_ends_step_ = true;
+    result_ = strategy_->compute(
+        model_.normal_equations(), solver_, [this] { return stop_requested(); }, step_);
+    time_ends_step_ = false;
+    now_.damping = strategy_->damping();
+    now_.linear_solver_iterations = result_.linear_solver_iterations;
+    if (result_.valid) now_.step_norm = norm(model_.normal_equations(), step_);
+  }
+
   void try_step() {
     if (result_.valid) trial_.evaluate(state_, cost_, step_, now_);
+    if (holding_intrinsics_is_due()) try_to_hold_intrinsics();
     if (step_is_successful()) {
       accept();
     } else {
       reject();
     }
+  }
+
+  bool holding_intrinsics_is_due() {
+    return may_hold_intrinsics_ && !holds_intrinsics_ && result_.valid &&
+           model_.moves_intrinsics_far(state_, trial_.candidate().state);
+  }
+
+  // The same step with the intrinsics held, if it leads further down; then the next ones, too. Not
+  // after a step of all unknowns was taken: focal lengths that it has moved far may need it.
+  void try_to_hold_intrinsics() {
+    Candidate of_all = trial_.candidate();
+    const StepResult result_of_all = result_;
+    Iteration now_of_all = now_;
+    set_intrinsics_held(true);
+    solve_for_step(now_.number);
+    if (result_.valid) trial_.evaluate(state_, cost_, step_, now_);
+    if (step_is_successful() && trial_.candidate().cost < of_all.cost) {
+      add_work_of(now_of_all, now_);
+      return;
+    }
+    add_work_of(now_, now_of_all);
+    set_intrinsics_held(false);
+    std::swap(trial_.candidate(), of_all);
+    result_ = result_of_all;
+    now_ = now_of_all;
+  }
+
+  static void add_work_of(const Iteration& other, Iteration& iteration) {
+    iteration.cost_evaluations += other.cost_evaluations;
+    iteration.linear_solver_iterations += other.linear_solver_iterations;
+  }
+
+  void set_intrinsics_held(bool held) {
+    holds_intrinsics_ = held;
+    model_.hold_intrinsics(held);
+  }
+
+  bool intrinsics_can_be_freed() const {
+    if (!holds_intrinsics_) return false;
+    if (finished_) return !is_of_a_stop(summary_.termination);
+    const double before = summary_.iterations.back().cost;
+    return now_.accepted && before - cost_ <= kPosesHaveSettled * before;
+  }
+
+  void free_intrinsics() {
+    may_hold_intrinsics_ = false;
+    set_intrinsics_held(false);
+    begin_stage();
   }
 
   // A cost that is not finite compares false.
@@ -157,6 +216,7 @@ class Minimizer {
   void accept() {
     const double decrease = cost_ - trial_.candidate().cost;
     std::swap(state_, trial_.candidate().state);
+    may_hold_intrinsics_ = holds_intrinsics_;
     model_.normalize(state_);
     update_strategy();
     cost_ = trial_.candidate().cost;
@@ -205,7 +265,7 @@ class Minimizer {
     return now_.accepted && before - cost_ <= kSettled * before;
   }
 
-  // Another cost is another problem: what was learned from steps belongs to the last one.
+  // Another cost, or other unknowns, is another problem: what was learned from steps belongs to the last one.
   void begin_stage() {
     finished_ = false;
     cost_ = model_.linearize(state_);
@@ -297,6 +357,8 @@ class Minimizer {
   State& state_;
   std::unique_ptr<StepStrategy> strategy_;
   StepTrial trial_;
+  bool may_hold_intrinsics_;  // until the first step that is taken
+  bool holds_intrinsics_ = false;
 
   linear::Step step_;
   StepResult result_;

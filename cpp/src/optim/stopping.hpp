@@ -103,6 +103,9 @@ class Stops {
 // Points are examined, to be held back, where the parts of the cost that grow do so by this share
 // of it.
 inline constexpr double kWorthHoldingBack = 0.1;
+// Intrinsics that are held are freed where a step decreases the cost by less than this share; with
+// 30 or 1 % as many runs arrive, after more steps (docs/benchmarks.md, far starts).
+inline constexpr double kPosesHaveSettled = 0.1;
 // A cost in stages goes on to the next (sharpen) where a step decreases it by less than this share.
 inline constexpr double kSettled = 1e-2;
 

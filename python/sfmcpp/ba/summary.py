@@ -48,6 +48,8 @@ class Iteration:
         Points that the step made worse and that were drawn back along it.
     refitted_points : int
         Points that the step had moved far and that were fitted to the cameras after it.
+    intrinsics_held : bool
+        Whether the step left the intrinsics as they were, until the poses had settled.
     cost_evaluations : int
         Evaluations of the cost for this step.
     bytes_sent : float
@@ -68,6 +70,7 @@ class Iteration:
     accelerated: bool = False
     held_points: int = 0
     refitted_points: int = 0
+    intrinsics_held: bool = False
     cost_evaluations: int = 1
     bytes_sent: float = 0.0
 
@@ -296,6 +299,8 @@ class Summary:
     def _rows(self) -> list[tuple[str, str]]:
         accepted = sum(i.accepted for i in self.iterations[1:])
         tried = max(len(self.iterations) - 1, 0)
+        steps_held = sum(i.intrinsics_held for i in self.iterations)
+        held = f", {steps_held} with intrinsics held" if steps_held else ""
         rows = [
             ("cost", f"{self.initial_cost:.6e} → {self.final_cost:.6e}"),
             *(
@@ -305,7 +310,7 @@ class Summary:
             *((f"weight of {chosen.name!r}", chosen.describe()) for chosen in self.group_weights),
             (f"RMS [{self.rms_unit}]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
             ("termination", f"{self.termination}: {self.message.removeprefix('interrupted; ')}"),
-            ("iterations", f"{tried} ({accepted} accepted)"),
+            ("iterations", f"{tried} ({accepted} accepted{held})"),
             ("method", f"{self.method}, line search {self.line_search}, point steps {self.point_steps}"),
             ("linear solver", f"{self.linear_solver}, {self.threads} thread{'s' * (self.threads != 1)}"),
             ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self.loss_scale_px:.4g} px"),

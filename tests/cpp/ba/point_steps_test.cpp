@@ -250,6 +250,7 @@ class OneSickPoint : public testing::Test {
     const support::OwnedProblem owned = scene();
     SolveOptions options;
     options.minimizer.point_steps = steps;
+    options.minimizer.intrinsic_steps = optim::IntrinsicSteps::kWhole;
     options.num_threads = threads;
     state = state_of(owned.view());
     return solve(owned.view(), options, {}, state);

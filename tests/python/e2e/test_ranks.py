@@ -62,6 +62,7 @@ SOLVING = (
     "bindings/test_covariances.py",
     "bindings/test_options.py",
     "bindings/test_solve.py",
+    "unit/ba/test_intrinsic_steps.py",
     "unit/ba/test_point_steps.py",
     "unit/weighting/test_weight_selection.py",
 )

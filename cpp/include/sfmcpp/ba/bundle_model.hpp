@@ -9,6 +9,7 @@
 #include "sfmcpp/ba/constraint_terms.hpp"
 #include "sfmcpp/ba/held_points.hpp"
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/late_intrinsics.hpp"
 #include "sfmcpp/ba/loss_stages.hpp"
 #include "sfmcpp/ba/point_refits.hpp"
 #include "sfmcpp/ba/point_rescues.hpp"
@@ -61,6 +62,10 @@ class BundleModel final : public optim::LeastSquaresModel {
   double growth() const override;
   long hold_back(const optim::State& start, optim::State& candidate) override;
 
+  bool moves_intrinsics_far(const optim::State& start,
+                            const optim::State& candidate) const override;
+  void hold_intrinsics(bool held) override;
+
   bool sharpen(optim::State& state) override;
   bool leave(optim::State& state, double cost) override;
   bool come_back(optim::State& state) override;
@@ -111,6 +116,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   PointRows& rows_;
   const linear::ParameterMap& map_;
   std::vector<int> free_intrinsics_;
+  LateIntrinsics late_intrinsics_;
   Frames frames_;
   ThreadPool& pool_;
   Exchange& exchange_;

@@ -93,6 +93,9 @@ void for_each_option(const F& f) {  // NOLINT(readability-function-size): a tabl
       O{"point_steps", "Treatment of points that a step makes worse"},
       [](auto& o) -> auto& { return o.minimizer.point_steps; });
   f(
+      O{"intrinsic_steps", "Treatment of intrinsics while poses are far off"},
+      [](auto& o) -> auto& { return o.minimizer.intrinsic_steps; });
+  f(
       O{"linear_solver", "Solver of the reduced camera system"},
       [](auto& o) -> auto& { return o.linear_solver.kind; });
   f(

@@ -137,6 +137,9 @@ class NormalEquations {
   const std::vector<double>& camera_rhs() const { return camera_rhs_; }
   const std::vector<double>& camera_diagonal() const { return camera_diagonal_; }
   std::vector<double> camera_damping(const Damping& damping) const;  // λD
+  // Holds reduced columns: their entries of λD are so large that steps hardly move them. None:
+  // holds none.
+  void hold(std::vector<char> columns) { held_ = std::move(columns); }
   double gradient_max_norm() const { return gradient_max_norm_; }
   double max_diagonal() const;
 
@@ -199,6 +202,7 @@ class NormalEquations {
     PointRecord* records;
   };
 
+  double damping_of(std::size_t column, const Damping& damping) const;
   void start(int chunk);
   long gradient_size() const { return (compensated_ ? 2L : 1L) * map_.camera_size; }
   // A gradient, a diagonal, and what is rounded off of both.
@@ -219,6 +223,7 @@ class NormalEquations {
   CameraTerms camera_terms_;
   CameraModes camera_modes_;
   std::vector<char> shared_;  // per reduced column
+  std::vector<char> held_;    // per reduced column, or empty
   std::variant<Blocks<double>, Blocks<float>> blocks_;
   AlignedVector<PointBlock> point_blocks_;
   AlignedVector<double> chunk_sums_;  // per chunk: gradient, then diagonal, of a camera block

@@ -63,8 +63,9 @@ struct MethodFacts {
   bool solves_linear_system = false;  // the normal equations as a whole
   bool shortens = true;               // rejections make its steps shorter and shorter
   bool keeps_directions = false;      // each step goes on from the last, with all its rounding
-  // Its step solves the damped system, so that a geodesic acceleration belongs to it.
-  constexpr bool can_accelerate() const { return has_damping && solves_linear_system; }
+  // Its step solves the damped system, so that a geodesic acceleration belongs to it, and some
+  // unknowns may have more damping than others.
+  constexpr bool solves_damped_system() const { return has_damping && solves_linear_system; }
   // Its next step can differ from a failed one, so that it is worth to save what can be saved of
   // it.
   constexpr bool can_hold_back() const { return solves_linear_system && shortens; }

@@ -64,6 +64,13 @@ class LeastSquaresModel {
     return 0;
   }
 
+  // Intrinsics that a step has moved further than is plausible, while poses may still be far off.
+  virtual bool moves_intrinsics_far(const State& /*start*/, const State& /*candidate*/) const {
+    return false;
+  }
+  // Holds the intrinsics in the steps that follow, or frees them again.
+  virtual void hold_intrinsics(bool) {}
+
   // Of a cost that is approached in stages (graduated non-convexity): goes on to the next stage
   // where `state` is good enough for that, or moves unknowns that the loss has rejected; whether it
   // has. The cost has changed then, and the normal equations must be filled anew.

@@ -15,6 +15,7 @@ namespace sfmcpp {
 namespace optim {
 // What is done about points that a step makes worse.
 enum class PointSteps { kAuto, kWhole, kHeldBack, kRefitted };
+enum class IntrinsicSteps { kAuto, kWhole, kLate };
 }  // namespace optim
 
 template <>
@@ -28,6 +29,19 @@ struct EnumTraits<optim::PointSteps> {
        {P::kRefitted,
         "refitted",
         "held-back, and points beyond the model of a step are fitted to the moved cameras"}});
+};
+
+template <>
+struct EnumTraits<optim::IntrinsicSteps> {
+  using I = optim::IntrinsicSteps;
+  static constexpr std::string_view kWhat = "intrinsic_steps";
+  static constexpr auto kTable = std::to_array<EnumRow<I>>(
+      {{I::kAuto, "auto", "late where the method has damping and no line is searched, else whole"},
+       {I::kWhole, "whole", "as far as the step says, from the first step on"},
+       {I::kLate,
+        "late",
+        "held until the poses have settled, where the first steps would change focal lengths by "
+        "more than 2 % and lead further down without"}});
 };
 
 template <>
@@ -68,6 +82,7 @@ struct MinimizerOptions {
   LineSearchOptions line_search;
   Acceleration acceleration = Acceleration::kNone;
   PointSteps point_steps = PointSteps::kAuto;
+  IntrinsicSteps intrinsic_steps = IntrinsicSteps::kAuto;
   TerminationOptions termination;
 };
 
@@ -76,6 +91,13 @@ inline PointSteps point_steps_of(const MinimizerOptions& options) {
   const bool searched = options.line_search.kind != LineSearchKind::kNone;
   if (searched || !facts_of(options.method).can_hold_back()) return PointSteps::kWhole;
   return options.point_steps == PointSteps::kAuto ? PointSteps::kRefitted : options.point_steps;
+}
+
+// Whether intrinsics may be held at first.
+inline bool holds_intrinsics(const MinimizerOptions& options) {
+  const bool searched = options.line_search.kind != LineSearchKind::kNone;
+  return options.intrinsic_steps != IntrinsicSteps::kWhole && !searched &&
+         facts_of(options.method).solves_damped_system();
 }
 
 }  // namespace optim

@@ -55,6 +55,7 @@ struct Iteration {
   bool accelerated = false;  // by a geodesic acceleration that lowered the cost
   long held_points = 0;      // drawn back along the step, which made them worse
   long refitted_points = 0;  // far moved by the step, and fitted to the cameras after it
+  bool intrinsics_held = false;
   int cost_evaluations = 0;
   int linear_solver_iterations = 0;
 
@@ -62,7 +63,8 @@ struct Iteration {
     for (int* count : {&number, &cost_evaluations, &linear_solver_iterations}) archive.keep(*count);
     for (double* value : {&cost, &seconds, &damping, &gradient_norm, &step_norm})
       archive.keep(*value);
-    for (bool* fact : {&accepted, &line_searched, &accelerated}) archive.keep(*fact);
+    for (bool* fact : {&accepted, &line_searched, &accelerated, &intrinsics_held})
+      archive.keep(*fact);
     archive.keep(lengths);
     archive.keep(proposed_lengths);
     archive.keep(held_points);
