@@ -1,7 +1,7 @@
 """Far starts: from how many of them each solver finds the minimum that the truth leads to.
 
-    python bench/peers/hard_starts.py [--seeds 600 601 …] [--levels 1 2 4] [--ways sfmcpp all-at-once whole ceres]
-                                      [--extra FILE …] [--loss squared] [--out DIR]
+    python bench/peers/hard_starts.py [--seeds 600 601 …] [--levels 1 2 4]
+                                      [--ways sfmcpp all-at-once whole ceres] [--extra FILE …] [--loss squared] [--out DIR]
 
 Seven synthetic scenes; at level n points and positions start 0.3 n m off, rotations n degrees, the focal
 lengths of photo collections 5 n %. A line for each level and way, over the scenes and seeds:
@@ -10,9 +10,9 @@ lengths of photo collections 5 n %. A line for each level and way, over the scen
     excess      geometric mean of the end over that cost, no less than 1
     seconds     geometric mean, one thread
 
-`sfmcpp` runs with its defaults, `all-at-once` without holding intrinsics, `whole` also without refitted points,
-`ceres` with DENSE_SCHUR and its defaults; each for 100 iterations at a function tolerance of 1e-7. Extra files have no truth: their ends are listed.
-Seeds below 600 were used for tuning.
+`sfmcpp` runs with its defaults, `all-at-once` without holding intrinsics, `whole` also without refitted
+points, `ceres` with DENSE_SCHUR and its defaults; each for 100 iterations at a function tolerance of 1e-7.
+Extra files have no truth: their ends are listed. Seeds below 600 were used for tuning.
 """
 
 from __future__ import annotations

@@ -137,6 +137,14 @@ class SolveOptions:
     def initial_radius(self, arg1: typing.SupportsFloat | typing.SupportsIndex | None) -> None:
         ...
     @property
+    def intrinsic_steps(self) -> str:
+        """
+        Treatment of intrinsics while poses are far off
+        """
+    @intrinsic_steps.setter
+    def intrinsic_steps(self, arg1: str) -> None:
+        ...
+    @property
     def line_search(self) -> str:
         """
         Line search along each step
@@ -312,6 +320,9 @@ class CoreIteration:
         ...
     @property
     def held_points(self) -> int:
+        ...
+    @property
+    def intrinsics_held(self) -> bool:
         ...
     @property
     def iteration(self) -> int:
@@ -757,6 +768,7 @@ class SolveKeywords(typing.TypedDict, total=False):
     algebraic_weights: typing.Literal['uniform', 'inverse-depth']
     acceleration: typing.Literal['auto', 'none', 'points', 'geodesic']
     point_steps: typing.Literal['auto', 'whole', 'held-back', 'refitted']
+    intrinsic_steps: typing.Literal['auto', 'whole', 'late']
     linear_solver: typing.Literal['auto', 'dense', 'sparse', 'iterative']
     precision: typing.Literal['auto', 'single', 'double']
     loss: typing.Literal['squared', 'huber', 'cauchy', 'tukey', 'geman-mcclure', 'truncated', 'auto'] | LossTable

@@ -265,7 +265,8 @@ class Minimizer {
     return now_.accepted && before - cost_ <= kSettled * before;
   }
 
-  // Another cost, or other unknowns, is another problem: what was learned from steps belongs to the last one.
+  // Another cost, or other unknowns, is another problem: what was learned from steps belongs to the
+  // last one.
   void begin_stage() {
     finished_ = false;
     cost_ = model_.linearize(state_);

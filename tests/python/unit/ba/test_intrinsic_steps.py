@@ -1,4 +1,4 @@
-"""Intrinsics wait until the poses have settled, where the first steps would blame them for poses that are off."""
+"""Intrinsics wait until the poses have settled, where the first steps would blame them for wrong poses."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 
 import sfmcpp
 
+
 def far_start(seed: int, level: float = 2.0) -> tuple[sfmcpp.Problem, sfmcpp.Problem]:
-    """A corridor of BAL cameras, poses and points off by `level` × (1°, 0.3 m); and the same from the truth."""
+    """A corridor of BAL cameras, `level` × (1°, 0.3 m) off; and the same from the truth."""
     truth = sfmcpp.corridor_scene(50, 2000, camera_model="bal", seed=seed)
     off = 0.3 * level
     start = sfmcpp.perturb(
@@ -79,9 +80,7 @@ def test_near_starts_have_the_same_bits_without() -> None:
 def test_every_linear_solver_holds_them(solver: str) -> None:
     start, truth = far_start(2)
     least = sfmcpp.solve(truth, max_iterations=100).final_cost
-    at_once = sfmcpp.solve(
-        start.copy(), linear_solver=solver, max_iterations=20, intrinsic_steps="whole"
-    )
+    at_once = sfmcpp.solve(start.copy(), linear_solver=solver, max_iterations=20, intrinsic_steps="whole")
     late = sfmcpp.solve(start, linear_solver=solver, max_iterations=20)
     assert any(held_steps(late))
     assert late.final_cost - least < 0.1 * (at_once.final_cost - least)
