@@ -1,7 +1,8 @@
 """Far starts: from how many of them each solver finds the minimum that the truth leads to.
 
     python bench/peers/hard_starts.py [--seeds 600 601 …] [--levels 1 2 4]
-                                      [--ways sfmcpp all-at-once whole ceres] [--extra FILE …] [--loss squared] [--out DIR]
+                                      [--ways sfmcpp all-at-once whole ceres]
+                                      [--extra FILE …] [--loss squared] [--out DIR]
 
 Seven synthetic scenes; at level n points and positions start 0.3 n m off, rotations n degrees, the focal
 lengths of photo collections 5 n %. A line for each level and way, over the scenes and seeds:
