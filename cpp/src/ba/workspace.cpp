@@ -45,6 +45,9 @@ void refuse_beyond_functions(const Problem& problem, const SolveOptions& options
   const Steps steps = options.minimizer.point_steps;
   if (steps == Steps::kHeldBack || steps == Steps::kRefitted)
     refuse_of_function(problem, steps, "it looks at points one by one; leave 'auto'");
+  const auto intrinsics = options.minimizer.intrinsic_steps;
+  if (intrinsics == optim::IntrinsicSteps::kLate)
+    refuse_of_function(problem, intrinsics, "it looks at focal lengths; leave 'auto'");
 }
 
 void check_state_size(const char* array, std::size_t size, std::size_t wanted) {

@@ -37,7 +37,8 @@ def scene(seed: int = 1) -> Problem:
 ])  # fmt: skip
 def test_a_copy_of_a_built_in_model_takes_the_same_iterations(options: dict[str, Any]) -> None:
     first, second = scene(), copied(scene(), own_bal())
-    alike: dict[str, Any] = {"point_steps": "whole", "acceleration": "none", "gauge": "fixed", **options}
+    straight = {"point_steps": "whole", "intrinsic_steps": "whole", "acceleration": "none"}
+    alike: dict[str, Any] = {"gauge": "fixed", **straight, **options}
     expected, found = sfmcpp.solve(first, **alike), sfmcpp.solve(second, **alike)
     assert len(expected.iterations) > 3
     np.testing.assert_allclose(found.history()["cost"], expected.history()["cost"], rtol=1e-6)
@@ -292,6 +293,7 @@ def test_what_needs_more_than_images_is_refused_by_name(tmp_path: Path) -> None:
     for options, message in [
         ({"line_search": "g-als"}, r"'own', a function, with line_search = 'g-als'"),
         ({"point_steps": "refitted"}, r"'own', a function, with point_steps = 'refitted'"),
+        ({"intrinsic_steps": "late"}, r"'own', a function, with intrinsic_steps = 'late'"),
         (
             {"checkpoint": sfmcpp.CheckpointFolder(tmp_path / "runs")},
             "name of a model in a run that is saved",
