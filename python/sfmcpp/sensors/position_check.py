@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import fit_similarity, so3
+from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
@@ -175,13 +176,11 @@ def check_position_clock(stream: SensorStream, path: Trajectory) -> PositionCloc
     best = int(np.argmin(cost))
     if not 0 < best < len(cost) - 1:
         return PositionClock()
-    left, peak, right = cost[best - 1 : best + 2]
-    curvature = float(left - 2 * peak + right)
+    step_s = float(_OFFSETS_S[1] - _OFFSETS_S[0])
+    beside_s, curvature = parabola_minimum(*cost[best - 1 : best + 2], step_s)
     if curvature <= 0:
         return PositionClock()
-    step_s = float(_OFFSETS_S[1] - _OFFSETS_S[0])
-    offset_s = float(_OFFSETS_S[best]) + step_s * 0.5 * float(left - right) / curvature
-    return PositionClock(offset_s, float(step_s / np.sqrt(curvature)))
+    return PositionClock(float(_OFFSETS_S[best]) + beside_s, float(step_s / np.sqrt(curvature)))
 
 
 def _costs(t_s: FloatArray, places: FloatArray, path: Trajectory) -> FloatArray:

@@ -17,6 +17,7 @@ import numpy as np
 
 from sfmcpp.ba.linear_results import LinearStep
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.weighting.fits import LEAST_NOISE, WeightFit, WeightFits, squared_residuals
@@ -225,6 +226,5 @@ def _lowest_factor(score: FloatArray) -> float:
     best = int(np.argmin(score))
     if best in (0, len(score) - 1):
         return float(_FACTORS[best])
-    before, here, after = score[best - 1 : best + 2]
-    shift = 0.5 * (before - after) / (before - 2 * here + after)
+    shift, _ = parabola_minimum(*score[best - 1 : best + 2])
     return float(_FACTORS[best] * (_FACTORS[1] / _FACTORS[0]) ** shift)
