@@ -11,7 +11,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.sensor_stream import FASTEST_M_S
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
-from sfmcpp.sensors.stream import require_kind, running_median
+from sfmcpp.sensors.stream import local_medians, require_kind
 
 # The speed at a step is a median over so long, and over at least 2 and at most 5 steps on either side.
 _SPEED_WITHIN_S, _LEAST_REACH, _LARGEST_REACH = 0.5, 2, 5
@@ -62,7 +62,7 @@ def displaced_positions(stream: SensorStream, sigma_m: float = 1.0) -> NDArray[n
     half_window_s = 0.5 * _reach(period_s) * period_s
     limit_m = _NOISE * sigma_m + LARGEST_ACCELERATION_M_S2 * half_window_s**2
     left = _without_motion(stream.t_s, stream.values)
-    displaced = np.linalg.norm(left - running_median(left, _LEVEL), axis=1) > limit_m
+    displaced = np.linalg.norm(left - local_medians(left, _LEVEL), axis=1) > limit_m
     rest = np.flatnonzero(~displaced)
     if len(rest) >= 2 * _LEVEL:
         changes = _level_changes(_without_motion(stream.t_s[rest], stream.values[rest]))
@@ -74,7 +74,7 @@ def _without_motion(t_s: FloatArray, positions: FloatArray) -> FloatArray:
     """Positions (n, 3) less the way that the speeds about each step make."""
     periods_s = np.diff(t_s)
     reach = _reach(float(np.median(periods_s)))
-    speeds = running_median(np.diff(positions, axis=0) / periods_s[:, None], reach)
+    speeds = local_medians(np.diff(positions, axis=0) / periods_s[:, None], reach)
     way = np.concatenate([np.zeros((1, 3)), np.cumsum(speeds * periods_s[:, None], axis=0)])
     return np.asarray(positions - way)
 
