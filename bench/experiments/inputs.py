@@ -19,7 +19,7 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting, measured_at, orientations, pose_stream_values, rotation_increment
 from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
-from sfmcpp.slam.motion_sensors import Measurement
+from sfmcpp.slam.measurement import Measurement
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.synthetic import DRIVES, SyntheticDrive
 
