@@ -14,8 +14,8 @@ from sfmcpp.weighting.trials import Trials, admissible
 # Converged where no weight changes by more than this, in logarithm; rounds at most.
 _SETTLED = 0.02
 _ROUNDS = 12
-# The minimum of the model is taken for the optimum if the cost falls by this share of the predicted decrease, up
-# to rounding, a share of the cost; converged where the predicted decrease is below the last share of the cost.
+# The minimum of the model is taken for the optimum if the cost falls by this share of the predicted decrease,
+# less a share of the cost for rounding; converged where the predicted decrease is below a share of the cost.
 _KEPT_SHARE = 0.7
 _ROUNDING = 1e-6
 _NEAR = 1e-3
