@@ -177,7 +177,8 @@ def check_position_clock(stream: SensorStream, path: Trajectory) -> PositionCloc
     if not 0 < best < len(cost) - 1:
         return PositionClock()
     step_s = float(_OFFSETS_S[1] - _OFFSETS_S[0])
-    beside_s, curvature = parabola_minimum(*cost[best - 1 : best + 2], step=step_s)
+    before, here, after = cost[best - 1 : best + 2]
+    beside_s, curvature = parabola_minimum(before, here, after, step_s)
     if curvature <= 0:
         return PositionClock()
     return PositionClock(float(_OFFSETS_S[best]) + beside_s, float(step_s / np.sqrt(curvature)))
