@@ -21,7 +21,7 @@ from io_helpers import (
     refusal,
     residuals,
 )
-from sfmcpp import DatasetError, InvalidArgument, Problem, _core
+from sfmcpp import DatasetError, Problem
 from sfmcpp.model.metadata import SECOND_SIGHTINGS
 from sfmcpp.sources.io import read, write
 
@@ -398,18 +398,3 @@ def test_a_database_is_told_where_it_goes(tmp_path: Path) -> None:
     path.write_bytes(b"")
     with pytest.raises(DatasetError, match="is no database of SQLite"):
         read(path)
-
-
-@pytest.mark.parametrize(
-    ("head", "item", "reason"),
-    [
-        (7, 4, "head = 7: must be at least 8 bytes"),
-        (8, 0, "item = 0: must be"),
-        (8, -4, "item = -4: must be"),
-    ],
-)
-def test_records_of_an_impossible_layout_are_refused(head: int, item: int, reason: str) -> None:
-    with pytest.raises(InvalidArgument, match=reason):
-        _core.split_records(bytes(24), 0, 2, head, item)
-    with pytest.raises(InvalidArgument, match=reason):
-        _core.join_records(np.zeros(24, np.uint8), np.zeros(0, np.uint8), head, item)
