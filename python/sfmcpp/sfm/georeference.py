@@ -40,7 +40,7 @@ from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
-from sfmcpp.weighting.conflict import LIE_SIGMAS
+from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 from sfmcpp.weighting.statistics import MAX_COLUMNS
 
 if TYPE_CHECKING:
@@ -62,9 +62,9 @@ class Georeferenced:
     Attributes
     ----------
     outcome : GpsOutcome
-        What the positions amount to, which of them lie, and the origin of the world.
+        Accuracy and outliers of the positions, and the origin of the world.
     group : ConstraintGroup
-        The positions that do not lie, of kind "position", with the weight that was chosen: for any later
+        The positions without the outliers, of kind "position", with the weight that was chosen: for any later
         solve of the problem.
     """
 
@@ -151,7 +151,7 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
     Returns
     -------
     GpsOutcome
-        What the positions amount to, and which of them lie.
+        Accuracy and outliers of the positions.
 
     Raises
     ------
@@ -265,7 +265,7 @@ class _Georeferencing:
             group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
             apart = problem.centres[images] - metres
             misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
-            agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
+            agrees = misses <= OUTLIER_SIGMAS * np.sqrt(3) * sigma_m
             agrees |= undecidable_positions(problem.centres[images], metres, weights, agrees)
             fit = _Fit(group, sigma_m, good, agrees, apart)
             if (agrees == good).all():
