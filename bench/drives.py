@@ -1,7 +1,7 @@
 """One table over all drives: none, each sensor, both, and the sensors' streams integrated without a camera.
 
     python bench/drives.py [--drives tuning|reporting|all|0027 …] [--seeds N] [--slam window=3 …]
-                           [--lie bias=5 slip=0.8] [--blackout SECONDS] [--out FILE]
+                           [--fault bias=5 slip=0.8] [--blackout SECONDS] [--out FILE]
 
 Settings are chosen on the drives for tuning, 0001, 0027, 0036 and 0039 of `$SFMCPP_DATA/kitti_tracks`, and on
 no other; 0005, 0051, 0095, 0020 and kitti_clip, whose images are tracked here, are for reporting.
@@ -10,12 +10,12 @@ Errors are mean distances of all frames with a pose from the truth [m], aligned 
 where no sensor is used, rigidly elsewhere. `posed` counts these frames; `over none` is of those that both
 have, as a gyroscope bridges what images alone lose; and `end/start` is the scale over the last fifth of the
 way over that over the first. Further seeds move the pixels by 1e-6 of one; cells are then medians, and the
-last columns the ranges of `over none`. A lie, degrees per second added to the yaw rate or a factor on the
+last columns the ranges of `over none`. A fault, degrees per second added to the yaw rate or a factor on the
 speed (`smooth=true`: little by little), lasts a fifth of the run, from its second fifth on, or with
 `throughout=true` all of it; stamps late by `clock` seconds and a camera turned by `mounting` degrees are
 wrong all the time; a blackout is in the middle. `--sensors none stereo` takes the right images, too; the clip
 has none. `distances` takes no directions from the odometer. A part of a drive is `0036:1/2`, and `0036@stops`
-a drive as it might have been: see `experiments/altered_drives.py`. All lies in one table: bench/liars.py.
+a drive as it might have been: see `experiments/altered_drives.py`. All faults in one table: bench/liars.py.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 from experiments.description import Row
 from experiments.drives import median, run_setting
-from experiments.faults import Lie
+from experiments.faults import SensorFaults
 from experiments.inputs import PROCESSES, TUNING, dead_reckoning, moved
 from experiments.real_drives import read, with_blackout
 from experiments.text_table import text_table
@@ -53,8 +53,8 @@ DISTANCES = {"distances": ["odometer"], "distances, imu": ["odometer", "imu"]}
 STEREO = {"stereo": [], "stereo, both": ["velocity", "imu"]}
 ALL = {**SENSORS, **DISTANCES, **STEREO}
 DEAD = "dead reckoning"
-# The fields of `Lie` by the words of the command line.
-_LIES = {
+# The fields of `SensorFaults` by the words of the command line.
+_FAULTS = {
     "bias": "bias_deg_s",
     "slip": "factor",
     "smooth": "smooth",
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = _parser().parse_args(arguments)
     names = {"tuning": TUNING, "reporting": REPORTING, "all": TUNING + REPORTING}
     drives = [name for word in args.drives for name in names.get(word, (word,))]
-    options = {"slam": dict(args.slam), "lie": dict(args.lie), "blackout": args.blackout}
+    options = {"slam": dict(args.slam), "fault": dict(args.fault), "blackout": args.blackout}
     asked = list(product(drives, args.sensors, range(args.seeds)))
     with ProcessPoolExecutor(PROCESSES) as pool:
         found = list(pool.map(run, asked, [options] * len(asked)))
@@ -128,13 +128,13 @@ def _error_m(found: Trajectory, times_s: np.ndarray, truth: Trajectory, *, metri
 
 
 def run(asked: tuple[str, str, int], options: Row) -> Row:
-    """Run one drive with some sensors and a seed; `options`: `slam` settings, `lie`, `blackout`."""
+    """Run one drive with some sensors and a seed; `options`: `slam` settings, `fault`, `blackout`."""
     name, label, seed = asked
     drive = with_blackout(moved(read(name), seed), options["blackout"])
     slam = dict(options["slam"])
     setting = {"sensors": ALL[label], "weights": slam.pop("weights", "loo"), "slam": slam}
     setting["stereo"] = label in STEREO
-    result = run_setting(drive, setting, lie_of(drive, options["lie"]))
+    result = run_setting(drive, setting, faults_of(drive, options["fault"]))
     row: Row = {"drive": name, "sensors": label, "seed": seed, "frames": len(drive.t_s)}
     row |= {"posed": len(result.poses), "error_m": None, "bend": None, "warnings": result.warnings}
     row["final"] = None if result.final is None else result.final.kept
@@ -147,14 +147,14 @@ def run(asked: tuple[str, str, int], options: Row) -> Row:
     return row
 
 
-def lie_of(drive: KittiDrive, wrong: dict[str, float]) -> Lie | None:
+def faults_of(drive: KittiDrive, wrong: dict[str, float]) -> SensorFaults | None:
     """The faults of the command line, over the second fifth of the run or throughout."""
     if not wrong:
         return None
     seconds = float(drive.t_s[-1] - drive.t_s[0])
-    told = {_LIES[name]: value for name, value in wrong.items() if name != "throughout"}
+    fields = {_FAULTS[name]: value for name, value in wrong.items() if name != "throughout"}
     start_s, lasting_s = (0.0, np.inf) if wrong.get("throughout") else (seconds / 5, seconds / 5)
-    return Lie(start_s, lasting_s, **told)
+    return SensorFaults(start_s, lasting_s, **fields)
 
 
 def bend(found: Evaluation) -> float | None:
@@ -174,7 +174,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--sensors", nargs="+", default=list(SENSORS), choices=list(ALL))
     parser.add_argument("--seeds", type=int, default=1, help="runs of each, all but one with moved pixels")
     parser.add_argument("--slam", nargs="*", default=[], type=assignment, metavar="NAME=VALUE")
-    parser.add_argument("--lie", nargs="*", default=[], type=assignment, metavar="|".join(_LIES) + "=VALUE")
+    faults = "|".join(_FAULTS) + "=VALUE"
+    parser.add_argument("--fault", nargs="*", default=[], type=assignment, metavar=faults)
     parser.add_argument("--blackout", type=float, default=0.0, metavar="SECONDS")
     parser.add_argument("--out", type=Path, help="JSON file of all runs")
     return parser

@@ -1,12 +1,12 @@
-"""Sensors that lie, over the camera alone: bias, slip, clock and mounting, whether it harms and is named.
+"""Faulty sensors against the camera alone: what a bias, slip, clock or mounting costs, and if it is named.
 
-    python bench/liars.py [--drives 0001 0036:1/2 …] [--lies "bias 5" …] [--seeds N] [--slam …] [--out FILE]
+    python bench/liars.py [--drives 0001 0036:1/2 …] [--faults "bias 5" …] [--seeds N] [--slam …] [--out FILE]
 
 A part of a drive is `number:k/n`; by default these are eight parts of the drives for tuning, of some hundred
-frames each. A line for each lie: median and worst of `over none` of bench/drives.py, where the worst was, and
-in how many runs a warning named a sensor. Honest sensors come first: what is named there is a false alarm.
+frames each. A line for each fault: median and worst of `over none` of bench/drives.py, where the worst was,
+and in how many runs a warning named a sensor. Fault-free sensors come first: their warnings are false alarms.
 Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run, or all of it where that
-is said; a smooth slip grows to its factor and goes again; stamps late by as many seconds and a mounting
+is said; a smooth slip grows to its factor and falls again; stamps late by as many seconds and a mounting
 turned about the vertical by 5° are wrong all the time, and the same for both sensors.
 """
 
@@ -27,7 +27,7 @@ from drives import assignment, over_none, run, write_runs
 
 PARTS = ("0001", "0027:1/2", "0027:2/2", "0036:1/2", "0036:2/2", "0039:1/3", "0039:2/3", "0039:3/3")
 SENSORS = ("imu", "odometer", "both")
-LIES: dict[str, dict[str, float]] = {
+FAULTS: dict[str, dict[str, float]] = {
     "none": {},
     "bias 5": {"bias": 5.0},
     "bias 2.9": {"bias": 2.865},
@@ -46,16 +46,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = _parser().parse_args(arguments)
     asked = [("none", drive, "none", seed) for drive in args.drives for seed in range(args.seeds)]
     asked += [
-        (lie, drive, sensors, seed)
-        for lie in args.lies
+        (fault, drive, sensors, seed)
+        for fault in args.faults
         for sensors in SENSORS
-        if sensors not in (_UNTOUCHED.get(wrong) for wrong in LIES[lie])
+        if sensors not in (_UNTOUCHED.get(wrong) for wrong in FAULTS[fault])
         for drive in args.drives
         for seed in range(args.seeds)
     ]
     with ProcessPoolExecutor(PROCESSES) as pool:
         found = list(pool.map(partial(_run, slam=dict(args.slam)), asked))
-    print(text_table(["lie", *(f"{s} {what}" for s in SENSORS for what in WHAT)], table(found, args.lies)))
+    columns = ["fault", *(f"{s} {what}" for s in SENSORS for what in WHAT)]
+    print(text_table(columns, table(found, args.faults)))
     if args.out:
         write_runs(args.out, found)
 
@@ -63,17 +64,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
 WHAT = ("median", "worst", "at", "named")
 
 
-def table(found: Sequence[Row], lies: Sequence[str]) -> list[Row]:
-    """A line for each lie; `over_none` is put into each row."""
+def table(found: Sequence[Row], faults: Sequence[str]) -> list[Row]:
+    """A line for each fault; `over_none` is put into each row."""
     alone = {(row["drive"], row["seed"]): row for row in found if row["sensors"] == "none"}
     for row in found:
         none = alone[row["drive"], row["seed"]]
         row["over_none"] = over_none(row, none) if row["posed"] and none["posed"] else None
-    return [_line(lie, [row for row in found if row["lie"] == lie]) for lie in lies]
+    return [_line(fault, [row for row in found if row["fault"] == fault]) for fault in faults]
 
 
-def _line(lie: str, found: Sequence[Row]) -> Row:
-    line: Row = {"lie": lie}
+def _line(fault: str, found: Sequence[Row]) -> Row:
+    line: Row = {"fault": fault}
     for sensors in SENSORS:
         rows = [row for row in found if row["sensors"] == sensors and row["over_none"] is not None]
         if rows:
@@ -86,15 +87,16 @@ def _line(lie: str, found: Sequence[Row]) -> Row:
 
 
 def _run(asked: tuple[str, str, str, int], slam: Row) -> Row:
-    lie, drive, sensors, seed = asked
-    return run((drive, sensors, seed), {"slam": slam, "lie": LIES[lie], "blackout": 0.0}) | {"lie": lie}
+    fault, drive, sensors, seed = asked
+    options = {"slam": slam, "fault": FAULTS[fault], "blackout": 0.0}
+    return run((drive, sensors, seed), options) | {"fault": fault}
 
 
 def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("--drives", nargs="+", default=list(PARTS))
-    parser.add_argument("--lies", nargs="+", default=list(LIES), choices=list(LIES))
+    parser.add_argument("--faults", nargs="+", default=list(FAULTS), choices=list(FAULTS))
     parser.add_argument("--seeds", type=int, default=1, help="runs of each, all but one with moved pixels")
     parser.add_argument("--slam", nargs="*", default=[], type=assignment, metavar="NAME=VALUE")
     parser.add_argument("--out", type=Path, help="JSON file of all runs")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from experiments import summaries
 from experiments.description import Experiment, Row
-from experiments.faults import Lie
+from experiments.faults import SensorFaults
 from experiments.inputs import (
     Drive,
     Input,
@@ -40,19 +40,19 @@ NOTES = (
     "scale: mean ratio of keyframe steps to true ones (eq. 5.25); of a map without metres after alignment.",
     "rotation, end_rotation: median error after it, of all frames and of the last tenth [deg].",
     "weight: median λ of each sensor. world_error: with nothing aligned, where a GPS or an INS tells the",
-    "world [m]. weight_lie, conflict_lie [standard deviations]: while the sensor lies.",
+    "world [m]. weight_fault, conflict_fault [standard deviations]: while the sensor is faulty.",
     "predicted: frames whose images say too little. failed: runs without a map.",
     *summaries.NOTES,
 )
 MEASURES = (
     "error_m", "over_alone", "over_reference", "whole_m", "whole_over_alone", "world_error_m", "scale",
-    "rotation_deg", "end_rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted",
+    "rotation_deg", "end_rotation_deg", "weight", "weight_fault", "conflict_fault", "predicted",
 )  # fmt: skip
 RATIOS = ("over_alone", "over_reference", "whole_over_alone")
 COLUMNS = (
     "drive", "label", "error_m", "over_alone", "[over_alone]", "over_reference", "[over_reference]",
     "whole_m", "whole_over_alone", "[whole_over_alone]", "world_error_m", "scale", "rotation_deg",
-    "end_rotation_deg", "weight", "weight_lie", "conflict_lie", "predicted", "runs", "failed",
+    "end_rotation_deg", "weight", "weight_fault", "conflict_fault", "predicted", "runs", "failed",
 )  # fmt: skip
 ALONE = "alone"
 # Shorter steps tell no scale.
@@ -138,8 +138,8 @@ def _run(drive: Drive, line: Row, alone: SlamResult) -> Run:
         before = alone.keyframe_trajectory() if line.get("keyframes") else alone.trajectory()
         filtered = filter_trajectory(before, stream, mounting, **line["filter"])
         return _measured(line, drive, filtered, metric=False)
-    lie = Lie(**line["lie"]) if "lie" in line else None
-    result = run_setting(drive, line, lie) if line["label"] != ALONE else alone
+    faults = SensorFaults(**line["fault"]) if "fault" in line else None
+    result = run_setting(drive, line, faults) if line["label"] != ALONE else alone
     if result.world is None:
         return Run({"label": line["label"], "error_m": None}, None)
     trajectory = result.keyframe_trajectory() if line.get("keyframes") else result.trajectory()
@@ -152,7 +152,7 @@ def _run(drive: Drive, line: Row, alone: SlamResult) -> Run:
         keyframes=len(result.world.keyframes),
         world_error_m=_error_in_world(result, drive, line["sensors"]),
         scale=float(np.mean(scales[:, 1])),
-        **_weights(result, drive, line["sensors"], lie),
+        **_weights(result, drive, line["sensors"], faults),
     )
     weights = np.array([[r.t_s, w] for r in result.records for w in r.weights.values()]).reshape(-1, 2)
     return replace(run, weights=weights, scales=scales)
@@ -172,10 +172,10 @@ def _measured(line: Row, drive: Drive, trajectory: Trajectory, *, metric: bool) 
     return Run(row, found)
 
 
-def run_setting(drive: Drive, setting: Row, lie: Lie | None = None) -> SlamResult:
+def run_setting(drive: Drive, setting: Row, faults: SensorFaults | None = None) -> SlamResult:
     """Run SLAM with the sensors, weights and further settings of a line of a TOML file."""
     settings = SlamSettings(weights=setting.get("weights", "loo"), **setting.get("slam", {}))
-    sensors = [sensor_of_drive(drive, name, lie) for name in setting["sensors"]]
+    sensors = [sensor_of_drive(drive, name, faults) for name in setting["sensors"]]
     return run_slam(sequence_of(drive, setting.get("stereo", False)), settings, sensors)
 
 
@@ -201,16 +201,16 @@ def _scale_ratios(result: SlamResult, drive: Drive, metres: float) -> FloatArray
     return np.column_stack([drive.t_s[frames][1:][moves], steps[moves] / true[moves]])
 
 
-def _weights(result: SlamResult, drive: Drive, sensors: Sequence[str], lie: Lie | None) -> Row:
+def _weights(result: SlamResult, drive: Drive, sensors: Sequence[str], faults: SensorFaults | None) -> Row:
     names = [{"imu": "gyro", "rotation": "gyro"}.get(name, name) for name in sensors]
     stamps = np.array([record.t_s for record in result.records])
-    during = np.zeros(len(stamps), dtype=bool) if lie is None else lie.during(stamps, drive.t_s[0])
-    honest = [r for r, lies in zip(result.records, during, strict=True) if not lies]
-    lying = [r for r, lies in zip(result.records, during, strict=True) if lies]
+    during = np.zeros(len(stamps), dtype=bool) if faults is None else faults.during(stamps, drive.t_s[0])
+    sound = [r for r, wrong in zip(result.records, during, strict=True) if not wrong]
+    faulty = [r for r, wrong in zip(result.records, during, strict=True) if wrong]
     return {
-        "weight": [median([r.weights[n] for r in honest if n in r.weights]) for n in names],
-        "weight_lie": [median([r.weights[n] for r in lying if n in r.weights]) for n in names],
-        "conflict_lie": [median([r.conflicts[n] for r in lying if n in r.conflicts]) for n in names],
+        "weight": [median([r.weights[n] for r in sound if n in r.weights]) for n in names],
+        "weight_fault": [median([r.weights[n] for r in faulty if n in r.weights]) for n in names],
+        "conflict_fault": [median([r.conflicts[n] for r in faulty if n in r.conflicts]) for n in names],
     }
 
 

@@ -13,7 +13,7 @@ from sfmcpp.sensors import Mounting
 
 
 @dataclass(frozen=True, eq=False)
-class Lie:
+class SensorFaults:
     """Faults of sensors of a real drive: a slip or a bias for a while, a clock or mounting throughout.
 
     Attributes

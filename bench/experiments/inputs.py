@@ -13,13 +13,13 @@ from typing import TypeVar
 import numpy as np
 
 from experiments.description import Experiment, ExperimentError
-from experiments.faults import Flaws, Lie
+from experiments.faults import Flaws, SensorFaults
 from experiments.real_problems import data_folder
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting, measured_at, orientations, pose_stream_values, rotation_increment
 from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
-from sfmcpp.slam.motion_sensors import Measurement
+from sfmcpp.slam.measurement import Measurement
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.synthetic import DRIVES, SyntheticDrive
 
@@ -61,7 +61,7 @@ class Input:
     loop_seed: int = 0
 
 
-_HONEST = Lie(0.0, 0.0)
+_FAULT_FREE = SensorFaults(0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,13 +143,13 @@ def mounting_of(drive: Drive) -> Mounting:
     return Mounting(drive.camera_from_body, drive.lever_arm_m)
 
 
-def sensor_of_drive(drive: Drive, name: str, lie: Lie | None = None) -> MotionSensor:
+def sensor_of_drive(drive: Drive, name: str, faults: SensorFaults | None = None) -> MotionSensor:
     """Make ``odometer``, ``velocity``, ``imu``, ``rotation`` (:class:`TurnSensor`), ``gps`` or ``ins``.
 
     The first measures distances only, as in the thesis; the second also directions, if the drive has them.
     The last two are simulated from the truth, at every image, with white noise.
     """
-    faults = lie or _HONEST
+    faults = faults or _FAULT_FREE
     if name in ("odometer", "velocity"):
         mounting, directions = faults.misplace(mounting_of(drive)), name == "velocity"
         return Odometer(faults.spoil(_velocity(drive)), mounting=mounting, directions=directions)

@@ -9,22 +9,12 @@ from matplotlib.figure import Figure
 from experiments.description import Experiment, Row
 from experiments.report import Report
 from experiments.runs import FloatArray
-from experiments.step_trace import TracedStep, sampled_lengths, traced_steps
+from experiments.step_trace import COLUMNS, COST_NOTE, IDENTITY, TracedStep, sampled_lengths, traced_steps
 from sfmcpp.study.plotting.style import COLORS, new_figure, style_axes
 
 NOTES = (
     "One run of LM without line search. geometric, algebraic: the length α of the least such cost.",
-    "cost_…: geometric cost there, over that at zero. helps: cost_algebraic is below cost_unit.",
-)
-COLUMNS = (
-    "camera_model",
-    "iteration",
-    "geometric",
-    "algebraic",
-    "cost_unit",
-    "cost_algebraic",
-    "cost_geometric",
-    "helps",
+    COST_NOTE,
 )
 GEOMETRIC, ALGEBRAIC = COLORS[0], COLORS[1]
 
@@ -34,8 +24,7 @@ def costs_along_steps(experiment: Experiment) -> Report:
     alphas = sampled_lengths(experiment)
     steps = list(traced_steps(experiment))
     rows = [_row(step, alphas) for step in steps]
-    identity = ("camera_model", "iteration")
-    return Report(NOTES, identity, COLUMNS, rows, _picture(steps, rows, alphas))
+    return Report(NOTES, IDENTITY, COLUMNS, rows, _picture(steps, rows, alphas))
 
 
 def common(alphas: FloatArray) -> FloatArray:
@@ -45,19 +34,8 @@ def common(alphas: FloatArray) -> FloatArray:
 
 def _row(step: TracedStep, alphas: FloatArray) -> Row:
     geometric, algebraic = _minima(step, alphas)
-    start, unit, at_algebraic, at_geometric = step.geometric_cost(
-        (0.0, 0.0), (1.0, 1.0), (algebraic, algebraic), (geometric, geometric)
-    )
-    return {
-        "camera_model": step.camera_model,
-        "iteration": step.iteration,
-        "geometric": geometric,
-        "algebraic": algebraic,
-        "cost_unit": unit / start,
-        "cost_algebraic": at_algebraic / start,
-        "cost_geometric": at_geometric / start,
-        "helps": at_algebraic < unit,
-    }
+    row = step.row((algebraic, algebraic), (geometric, geometric))
+    return {**row, "geometric": geometric, "algebraic": algebraic}
 
 
 def _minima(step: TracedStep, alphas: FloatArray) -> tuple[float, float]:

@@ -14,6 +14,12 @@ from experiments.starts import synthetic_starts
 from sfmcpp import Problem
 from sfmcpp.ba import StepExploration, explore_step
 
+IDENTITY = ("camera_model", "iteration")
+COLUMNS = (
+    *IDENTITY, "geometric", "algebraic", "cost_unit", "cost_algebraic", "cost_geometric", "helps",
+)  # fmt: skip
+COST_NOTE = "cost_…: geometric cost there, over that at zero. helps: cost_algebraic is below cost_unit."
+
 
 @dataclass(frozen=True)
 class TracedStep:
@@ -42,10 +48,18 @@ class TracedStep:
         """Costs at the (n, 2) lengths of cameras and points."""
         return explore_step(self.problem, lengths, **self.options)
 
-    def geometric_cost(self, *lengths: tuple[float, float]) -> list[float]:
-        """The true cost at some pairs of lengths."""
-        costs: list[float] = self.explore(np.array(lengths)).geometric.tolist()
-        return costs
+    def row(self, algebraic: tuple[float, float], geometric: tuple[float, float]) -> Row:
+        """True costs at these pairs of lengths and at the whole step, over the cost where it starts."""
+        lengths = np.array([(0.0, 0.0), (1.0, 1.0), algebraic, geometric])
+        start, unit, at_algebraic, at_geometric = self.explore(lengths).geometric.tolist()
+        return {
+            "camera_model": self.camera_model,
+            "iteration": self.iteration,
+            "cost_unit": unit / start,
+            "cost_algebraic": at_algebraic / start,
+            "cost_geometric": at_geometric / start,
+            "helps": at_algebraic < unit,
+        }
 
 
 def traced_steps(experiment: Experiment) -> Iterator[TracedStep]:

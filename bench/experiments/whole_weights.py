@@ -88,17 +88,17 @@ def _ratios(summary: Summary, sensors: list[Row]) -> list[float]:
 
 
 def _group(truth: Problem, sensor: Row, rng: np.random.Generator) -> ConstraintGroup:
-    """Measurements of a sensor at its true weight, some of them wrong if it lies."""
+    """Measurements of a sensor at its true weight, some of them wrong if it is faulty."""
     count, sigma = truth.num_cameras, sensor["sigma"]
-    lying = slice(*sensor.get("members", [0, 0]))
+    faulty = slice(*sensor.get("members", [0, 0]))
     pairs = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
     if sensor["kind"] == "gps":
         positions = truth.centres + rng.normal(0, sigma, (count, 3))
-        positions[lying, 0] += sensor.get("offset_m", 0.0)
+        positions[faulty, 0] += sensor.get("offset_m", 0.0)
         return ConstraintGroup("position", np.arange(count), positions, 3 / sigma**2, name="gps")
     if sensor["kind"] == "odometer":
         steps = np.linalg.norm(np.diff(truth.centres, axis=0), axis=1) + rng.normal(0, sigma, count - 1)
-        steps[lying] *= sensor.get("factor", 1.0)
+        steps[faulty] *= sensor.get("factor", 1.0)
         return ConstraintGroup("scale", pairs, steps, 1 / sigma**2, name="odometer")
     turns = (
         np.swapaxes(truth.rotations[:-1], 1, 2)

@@ -10,6 +10,7 @@
 #include <Eigen/LU>
 
 #include "sfmcpp/ba/gauge.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -116,8 +117,7 @@ void check_range(const char* array, std::span<const int> values, int end) {
 
 void check_rotations(const Problem& problem) {
   for (int i = 0; i < problem.num_cameras(); ++i) {
-    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> camera(
-        problem.cameras.data() + problem.camera_offset(i));
+    const PoseMatrixView camera(problem.cameras.data() + problem.camera_offset(i));
     const Eigen::Matrix3d r = camera.leftCols<3>();
     if (!is_rotation(r)) {
       const double error = (r * r.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "pose_fit.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/core/options_check.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -62,7 +63,7 @@ void require_weight(double weight, const char* name, std::size_t index) {
 
 void check_pose(const double* pose, const char* name) {
   require_finite({pose, 12}, name);
-  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(pose);
+  const PoseMatrixView matrix(pose);
   if (!is_rotation(matrix.leftCols<3>())) {
     throw InvalidArgument(std::string(name) +
                           ": its left 3×3 block must be a rotation matrix, orthonormal to 1e-6");

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/visit_camera.hpp"
 
 namespace sfmcpp::ba {
@@ -27,7 +28,7 @@ Ray ray_of(const ImageResiduals& images, const optim::State& state, int observat
   Camera::undistort(intrinsics, images.u()[observation], images.v()[observation], u, v);
   MatrixAndChange projection;
   Camera::matrix(pose, intrinsics, kNoChange.data(), kNoChange.data(), projection);
-  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> matrix(projection.matrix);
+  const Eigen::Map<const Matrix34> matrix(projection.matrix);
   return {{pose[3], pose[7], pose[11]},
           matrix.template leftCols<3>().inverse() * Eigen::Vector3d(u, v, 1.0)};
 }

@@ -4,13 +4,14 @@
 #include <vector>
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/math/statistics.hpp"
 
 namespace sfmcpp::ba {
 namespace {
 
 using Point = Eigen::Map<Eigen::Vector4d>;
-using Camera = Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>;
+using Camera = Eigen::Map<Matrix34>;
 
 // Points nearer to infinity than this have no place worth counting.
 constexpr double kInfinite = 1e-9;

@@ -3,6 +3,7 @@
 
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <pybind11/numpy.h>
@@ -38,17 +39,34 @@ py::array_t<T> array_of(const std::vector<T>& values) {
   return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
 }
 
-// Keeps views of arrays from dangling while others have the GIL: NumPy resizes no array that has a
-// weak reference, even where it is told not to count references.
-class KeptSizes {
+// Keeps views of arrays from dangling while others have the GIL: they may take an array out of its
+// dictionary, so it is held, and NumPy resizes no array that has a weak reference, even where it is
+// told not to count references. Numbers may still change under the views.
+class KeptArrays {
  public:
-  explicit KeptSizes(const py::dict& arrays) {
-    for (const auto& [name, value] : arrays)
-      if (py::isinstance<py::array>(value)) references_.emplace_back(value);
+  // Of arrays, also named ones, dictionaries with arrays, and vectors of these.
+  template <class... Kept>
+  explicit KeptArrays(const Kept&... kept) {
+    (keep(kept), ...);
   }
 
  private:
-  std::vector<py::weakref> references_;
+  void keep(const py::array& array) {
+    held_.push_back(array);
+    unresized_.emplace_back(py::handle(array));
+  }
+  void keep(const py::dict& arrays) {
+    for (const auto& [name, value] : arrays)
+      if (py::isinstance<py::array>(value)) keep(py::reinterpret_borrow<py::array>(value));
+  }
+  void keep(const std::pair<std::string, py::array>& named) { keep(named.second); }
+  template <class T>
+  void keep(const std::vector<T>& several) {
+    for (const T& each : several) keep(each);
+  }
+
+  std::vector<py::array> held_;
+  std::vector<py::weakref> unresized_;
 };
 
 }  // namespace sfmcpp::bindings

@@ -109,7 +109,7 @@ void bind_check(py::module_& m) {
   m.def(
       "check_jacobians",
       [](const py::dict& arrays, int max_observations) {
-        const KeptSizes kept(arrays);
+        const KeptArrays kept(arrays);
         const ba::Problem problem = problem_of(arrays);
         return or_failures_of(problem, [&] {
           const ReleasedGil released;

@@ -10,6 +10,7 @@
 #include "arrays.hpp"
 #include "module.hpp"
 #include "python_function.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 
 namespace sfmcpp::bindings {
@@ -23,7 +24,6 @@ using residuals::kNoCamera;
 using residuals::kNoPrevious;
 using residuals::Measurement;
 
-using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RotationMatrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 // `function(poses, points, wanted)`, either or None, gives residuals (members, rows) and, where
@@ -83,7 +83,7 @@ void set_measurement(const ConstraintKindFacts& kind,
   if (!kind.is_on_poses()) {
     std::copy(values.begin(), values.end(), member.intrinsics.begin());
   } else if (kind.measurement == Measurement::kPose) {
-    const Eigen::Map<const PoseMatrix> pose(values.data());
+    const PoseMatrixView pose(values.data());
     member.pose.rotation = pose.leftCols<3>();
     member.pose.translation = pose.col(3);
   } else if (kind.measurement == Measurement::kRotation) {

@@ -49,6 +49,7 @@ py::tuple tuple_of(const features::Neighbours& neighbours) {
 py::tuple nearest_of_first(const Bytes& first, const Bytes& second, int threads) {
   const features::Descriptors a = descriptors_of(first, "first"),
                               b = descriptors_of(second, "second");
+  const KeptArrays kept(first, second);
   features::Neighbours result;
   {
     const ReleasedGil released;
@@ -61,6 +62,7 @@ py::tuple nearest_of_first(const Bytes& first, const Bytes& second, int threads)
 py::tuple nearest_both_ways(const Bytes& first, const Bytes& second, int threads) {
   const features::Descriptors a = descriptors_of(first, "first"),
                               b = descriptors_of(second, "second");
+  const KeptArrays kept(first, second);
   features::MutualNeighbours result;
   {
     const ReleasedGil released;
@@ -148,6 +150,7 @@ Array<float> sample_patches(const Images& images,
   const py::ssize_t side = features::patch_side(radius);
   Array<float> samples({static_cast<py::ssize_t>(places.size()), side, side});
   float* out = samples.mutable_data();
+  const KeptArrays kept(images);
   const ReleasedGil released;
   for (const features::PatchPlace& place : places) {
     if (!features::sample_patch(pyramid, place, radius, out))
@@ -180,6 +183,7 @@ py::tuple align_patches(const Images& images,
       covariances({count, py::ssize_t{3}});
   double *centre = found.mutable_data(), *correlation = correlations.mutable_data(),
          *covariance = covariances.mutable_data();
+  const KeptArrays kept(images, templates, which);
   {
     const ReleasedGil released;
     features::PatchAligner aligner(static_cast<int>((side - 3) / 2));

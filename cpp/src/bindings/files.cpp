@@ -97,6 +97,7 @@ py::bytes ragged_text(const std::vector<Column>& head,
                       const std::string& tail,
                       const py::array_t<long, py::array::c_style>& counts,
                       int threads) {
+  const KeptArrays kept(head, item, counts);
   const std::span<const long> of_heads(counts.data(), static_cast<std::size_t>(counts.size()));
   long items = 0;
   for (const long count : of_heads) {
@@ -113,9 +114,18 @@ py::bytes ragged_text(const std::vector<Column>& head,
   return joined(texts);
 }
 
+RecordLayout layout_of(long head, long item) {
+  if (head < kCountBytes)
+    throw InvalidArgument("head = " + std::to_string(head) + ": must be at least " +
+                          std::to_string(kCountBytes) + " bytes, those of its count");
+  if (item < 1)
+    throw InvalidArgument("item = " + std::to_string(item) + ": must be at least 1 byte");
+  return {head, item};
+}
+
 py::tuple split_records_of(const py::bytes& data, long begin, long count, long head, long item) {
   const std::string_view bytes = static_cast<std::string_view>(data).substr(begin);
-  const RecordLayout layout{head, item};
+  const RecordLayout layout = layout_of(head, item);
   const Records records = find_records(bytes, count, layout);
   const auto heads_size = static_cast<long>(records.begin.size()) * head;
   py::array_t<std::uint8_t> heads(heads_size), items(records.end - heads_size);
@@ -132,7 +142,7 @@ py::array_t<std::uint8_t> join_records_of(const Bytes& heads,
                                           long head,
                                           long item) {
   const std::string_view head_bytes = bytes_of(heads), item_bytes = bytes_of(items);
-  const RecordLayout layout{head, item};
+  const RecordLayout layout = layout_of(head, item);
   if (!counts_fit(head_bytes, item_bytes, layout)) {
     throw InvalidArgument("items: must be as many as the heads count");
   }

@@ -43,7 +43,7 @@ py::array_t<T> filled(const Shape& shape, const F& fill) {
 std::unique_ptr<LinearModel> linearize(const py::dict& arrays,
                                        const ba::SolveOptions& options,
                                        double ridge) {
-  const KeptSizes kept(arrays);
+  const KeptArrays kept(arrays);
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;

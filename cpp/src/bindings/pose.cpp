@@ -90,6 +90,7 @@ py::dict sweep(const py::dict& arrays,
                const std::vector<double>& weights,
                const Numbers& start,
                const ba::PoseSweepOptions& options) {
+  const KeptArrays kept(arrays, constraint_dicts, start);
   const PoseView pose_view = view_of(arrays);
   const Constraints constraints = pose_constraints_of(constraint_dicts);
   const double* from = pose_in(start, "start");

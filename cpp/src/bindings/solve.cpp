@@ -150,7 +150,7 @@ ba::SolveSummary solve(const py::dict& arrays,
                        const py::object& checkpoint,
                        const std::optional<py::dict>& resumed,
                        const py::object& ranks) {
-  const KeptSizes kept(arrays);
+  const KeptArrays kept(arrays);
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;

@@ -79,7 +79,6 @@ void* BufferStore::allocate(std::size_t bytes) {
   char* memory = gap->begin;
   gap->begin += wanted;
   if (gap->begin == gap->end) erase(gap);
-  in_use_ += wanted;
   ++num_arrays_;
   return memory;
 }
@@ -89,7 +88,6 @@ bool BufferStore::take_back(void* memory, std::size_t bytes) {
   if (size_ == 0 || begin < begin_ || begin >= begin_ + size_) return false;
   char* end = begin + rounded(std::max<std::size_t>(bytes, 1), kCacheLine);
   const std::lock_guard lock(mutex_);
-  in_use_ -= static_cast<std::size_t>(end - begin);
   --num_arrays_;
   Gap* next = std::find_if(gaps_.data(), gaps_end(), [&](const Gap& g) { return g.begin >= end; });
   const bool joins_previous = next != gaps_.data() && next[-1].end == begin;

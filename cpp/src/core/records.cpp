@@ -6,8 +6,6 @@
 namespace sfmcpp {
 namespace {
 
-constexpr long kCountBytes = 8;
-
 // The count at the end of the head that begins here.
 std::uint64_t count_of(const char* head, RecordLayout layout) {
   std::uint64_t count = 0;

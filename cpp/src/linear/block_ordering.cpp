@@ -12,8 +12,12 @@
 namespace sfmcpp::linear {
 namespace {
 
-constexpr int kLeaf = 150;             // blocks that are not cut further
-constexpr double kLargestShare = 0.4;  // of the nodes that a separator may take
+// A part with so few blocks is not cut further. On the graphs of vertex_separator.cpp, 50 and 100
+// multiply the flops by 0.96 to 1.16, 200 by 0.98 to 1.01, 300 by 0.83 to 1.06.
+constexpr int kLeaf = 150;
+// A part is not cut where the separator takes more than this share of its nodes. From 0.3 to 0.6:
+// the same orders there; 0.2: flops 0.99 to 1.07.
+constexpr double kLargestShare = 0.4;
 
 // A symmetric pattern by columns, under construction.
 class Pattern {
@@ -141,10 +145,11 @@ class Dissection {
   std::vector<int> order_;
 };
 
-// As minimum degree has it, a row is dense that is much longer than the square root of their
-// number.
+// The rule by which approximate minimum degree puts dense rows last (Amestoy, Davis & Duff 2004).
+// In graphs of fewer than a hundred nodes no row is.
 bool is_dense(std::size_t neighbours, int nodes) {
-  return static_cast<double>(neighbours) > std::max(100.0, 10.0 * std::sqrt(nodes));
+  constexpr double kDense = 10.0, kLeastDense = 100.0;
+  return static_cast<double>(neighbours) > std::max(kLeastDense, kDense * std::sqrt(nodes));
 }
 
 }  // namespace

@@ -29,7 +29,6 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
   direction = z;
   double rz = product(residual, z);
   const double target = options.tolerance * options.tolerance * rz;
-  const double start = rz;
   double decrease = 0.0;  // −Q of x
   while (!result.stopped && rz > target && result.iterations < options.max_iterations) {
     a(direction, a_direction);
@@ -55,7 +54,6 @@ ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
     result.stopped = result.iterations % kIterationsBetweenStopChecks == 0 && should_stop();
   }
   result.finite = result.finite && std::isfinite(rz);
-  result.relative_residual = start > 0.0 ? std::sqrt(rz / start) : 0.0;
   return result;
 }
 

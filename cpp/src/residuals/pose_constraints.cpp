@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "sfmcpp/cameras/calibrated.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::residuals {
@@ -12,7 +13,6 @@ namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
 constexpr int kRotationColumn = 0;
 constexpr int kCentreColumn = 3;
@@ -20,8 +20,7 @@ constexpr int kRotationEntries = 9;
 
 struct Pose {
   explicit Pose(const double* p)
-      : rotation(Eigen::Map<const PoseMatrix>(p).leftCols<3>()),
-        centre(Eigen::Map<const PoseMatrix>(p).col(3)) {}
+      : rotation(PoseMatrixView(p).leftCols<3>()), centre(PoseMatrixView(p).col(3)) {}
   Pose(Matrix3d r, Vector3d t) : rotation(std::move(r)), centre(std::move(t)) {}
 
   Matrix3d rotation;
@@ -172,7 +171,7 @@ void orientation_equation(const ConstraintInput& in, const ConstraintOutput& out
 // The other camera has the measured rotation but the same centre, and moves with it.
 void orientation_reprojections_equation(const ConstraintInput& in, const ConstraintOutput& out) {
   const PoseConstraint& c = in.measured;
-  PoseMatrix turned = Eigen::Map<const PoseMatrix>(in.pose);
+  PoseMatrix turned = PoseMatrixView(in.pose);
   turned.leftCols<3>() = c.rotation;
   put_images(c, in.pose, turned.data(), {out.residual, out.by_pose});
   if (out.by_previous != nullptr) std::fill_n(out.by_previous, 12L * num_points(c), 0.0);

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry._poselib import RansacOptions, refined_fundamental, refined_relative_camera
 from sfmcpp.geometry.epipolar import camera_of_fundamental, fundamental_matrix, sampson_errors_px
+from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.geometry.pinhole import to_normalised
 from sfmcpp.geometry.two_view_matrices import fundamental_linear
 from sfmcpp.model.arguments import checked
@@ -88,7 +89,7 @@ def focal_from_pairs(
     if not _is_clear_minimum(coarse, objections, best):
         return None
     fine = np.geomspace(coarse[best - 1], coarse[best + 1], _NUM_FINE)
-    return _parabola_minimum(np.log(fine), _summed_losses(chosen, _losses(chosen, fine)))
+    return _focal_between(np.log(fine), _summed_losses(chosen, _losses(chosen, fine)))
 
 
 def _largest_centred_pairs(
@@ -152,11 +153,9 @@ def _is_clear_minimum(focals: FloatArray, objections: FloatArray, best: int) -> 
     return bool((objections[other] >= objections[best] + _CLEAR_GROWTH).all())
 
 
-def _parabola_minimum(log_focals: FloatArray, objections: FloatArray) -> float:
+def _focal_between(log_focals: FloatArray, objections: FloatArray) -> float:
     """Focal length at the lowest point of the parabola through the least value and its neighbours."""
     best = min(max(int(np.argmin(objections)), 1), len(objections) - 2)
-    left, middle, right = objections[best - 1 : best + 2]
-    bend = left - 2 * middle + right
-    shift = 0.5 * (left - right) / bend if bend > 0 else 0.0
+    shift, _ = parabola_minimum(*objections[best - 1 : best + 2])
     step = log_focals[1] - log_focals[0]
     return float(np.exp(log_focals[best] + step * np.clip(shift, -1, 1)))

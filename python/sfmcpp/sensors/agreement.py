@@ -21,7 +21,7 @@ from sfmcpp.sensors.gps import local_positions
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2, travelled_distance
 from sfmcpp.sensors.stream import measured_at, segments
 
-# Wrong units are factors of 3.6 and more; two honest sensors differ by less than this.
+# Wrong units are factors of 3.6 and more; two fault-free sensors differ by less than this.
 LARGEST_RATIO = 2.0
 # Kinds of streams that measure a path, and rotations.
 _PATHS = ("speed", "distance", "velocity", "position", "pose")

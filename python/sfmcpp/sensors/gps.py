@@ -21,16 +21,16 @@ from sfmcpp.sensors.stream import measured_at, require_kind
 SEMI_MAJOR_AXIS_M = 6_378_137.0
 FLATTENING = 1 / 298.257223563
 _ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
-# Each round of a latitude leaves a 150th of its error, the squared eccentricity.
+# Each iteration for a latitude reduces its error by the squared eccentricity, 1/150.
 _ROUNDS = 8
-# Fewer positions leave nothing to judge them by.
+# Fewest positions that can be judged.
 LEAST_POSITIONS = 5
-# Degrees taken for metres: horizontally all within this of each other, which is less than a way or a baseline
-# of photos, and so many times farther from zero.
+# Latitudes and longitudes declared as metres: all within this of each other, which is less than any path in
+# metres, and so many times farther from zero.
 _DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
-# Parabolas go through positions within so long, at least so many, and at most so many on either side.
+# A parabola is fitted to positions within this time [s], at least so many, at most so many on either side.
 _SMOOTHED_WITHIN_S, _LEAST_SMOOTHED, _MOST_SMOOTHED = 0.5, 5, 10
-# Positions that are farther from a parabola than noise puts them are not on one.
+# Largest variance about the parabola, in units of the declared one: above it the motion is no parabola.
 _LARGEST_VARIANCE_RATIO = 2.0
 
 
@@ -63,23 +63,23 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
 
 @checked()
 def smoothed_positions(stream: SensorStream, sigma_m: float = 1.0) -> SensorStream:
-    """Put each position on the parabola through those within half a second of it, if these are on one.
+    """Replace each position by the parabola fitted to those within half a second, where it fits them.
 
-    A vehicle is on it to a decimetre or two. White noise of ten positions a second is halved; what lasts
-    longer stays.
+    The path of a vehicle deviates from it by a decimetre or two. White noise at ten positions a second is
+    halved; errors that last longer remain.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"position"``.
     sigma_m : float
-        What a position may be off, along each axis [m].
+        Standard deviation of a position along each axis [m].
 
     Returns
     -------
     SensorStream
-        With the same stamps. Positions stay as they were with fewer than five within reach, or where the mean
-        square distance from the parabola is more than twice what `sigma_m` explains.
+        With the same stamps. A position is unchanged if fewer than five are within half a second, or if their
+        mean squared distance from the parabola is more than twice what `sigma_m` explains.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def smoothed_positions(stream: SensorStream, sigma_m: float = 1.0) -> SensorStre
     enough = np.count_nonzero(within, axis=1) >= _LEAST_SMOOTHED
     away, within, rows = away[enough], within[enough, :, None], rows[enough]
     powers = within * np.stack([np.ones_like(away), away, away**2], axis=-1)
-    offsets = within * (stream.values[rows] - stream.values[enough, None])  # small, however far the origin is
+    offsets = within * (stream.values[rows] - stream.values[enough, None])  # small, wherever the origin is
     transposed = np.swapaxes(powers, 1, 2)
     parabolas = np.linalg.solve(transposed @ powers, transposed @ offsets)
     freedom = 3 * (np.count_nonzero(within, axis=(1, 2)) - 3)
@@ -128,7 +128,7 @@ def local_positions(stream: SensorStream, origin: ArrayLike | None = None) -> Se
     Raises
     ------
     InvalidArgument
-        If the stream is of another kind, or `origin` is none.
+        If the stream is of another kind, or `origin` is not one.
     """
     require_kind(stream, "geodetic")
     start = stream.values[0] if origin is None else finite_array("origin", origin, (3,))
@@ -192,7 +192,7 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
 
 
 def require_metres(rows: FloatArray) -> None:
-    """Refuse latitudes and longitudes, (n, 3) with any heights, under the names of x and y."""
+    """Raise InvalidArgument if x and y of positions (n, 3) look like latitudes and longitudes."""
     plane = rows[rows[:, :2].any(axis=1), :2]  # where a receiver had no fix there are zeros
     if len(plane) < LEAST_POSITIONS:
         return

@@ -14,10 +14,10 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.stream import (
     interpolate_vectors,
+    local_medians,
     measured_at,
     require_interval,
     require_kind,
-    running_median,
     segments,
 )
 from sfmcpp.sensors.turn import Turn
@@ -267,7 +267,7 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
     varied = bends[bends > 0] if np.mean(bends > 0) > _VARIED else bends
     noise = 1.4826 * float(np.median(varied)) / np.sqrt(6.0)
     rates = changes / period_s
-    alone = np.abs(rates - running_median(rates, _NEIGHBOURS)) * period_s
+    alone = np.abs(rates - local_medians(rates, _NEIGHBOURS)) * period_s
     too_fast = np.abs(changes) > LARGEST_ACCELERATION_M_S2 * period_s + _NOISE_SIGMAS * noise
     too_sudden = alone > _LARGEST_JERK_M_S3 * period_s**2 + _NOISE_SIGMAS * np.sqrt(2.0) * noise
     return [int(k) for k in np.flatnonzero(too_fast | too_sudden)]

@@ -1,7 +1,7 @@
 """Checks of positions against the camera's path: mirrored axes, clock offset.
 
-A similarity brings a map to any positions: their unit and where they lie say nothing. What is left is the
-hand of their axes and their clock.
+A map is registered to positions by a similarity, whatever their unit, origin and axes. What can be checked is
+whether their axes are right-handed, and their clock.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import fit_similarity, so3
+from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
@@ -20,19 +21,19 @@ from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors.registration import UP_IN_CAMERA
 from sfmcpp.sensors.stream import interpolate_vectors, require_kind
 
-# A bend of the way is told by two chords of so many standard deviations, to some ten degrees.
+# Length of the two chords that measure a bend, in standard deviations of a position: an error of about 10°.
 _CHORD_SIGMAS = 10.0
-# The largest bends are looked at: elsewhere there is noise alone.
+# The largest bends are compared, this share: smaller ones are noise. Fewest bends, and their least median.
 _LARGEST_SHARE, _FEWEST_BENDS = 0.25, 4
 _LEAST_BEND_RAD = float(np.radians(15.0))
-# Positions are mirrored where bends to the other side leave this part of the errors at most.
+# Positions are mirrored if the errors against the mirrored turns are at most this share of the others.
 _MUCH_BETTER = 1 / 3
-# Offsets that are tried [s]; a way reckoned from speeds and rates is good over such a stretch.
+# Offsets that are tried [s]. Stretches over which dead reckoning hardly drifts [s]; their fewest positions.
 _OFFSETS_S = np.linspace(-2.5, 2.5, 51)
 _STRETCH_S, _FEWEST_FIXES = 20.0, 16
-# What honest clocks are apart, and how sure it must be that it is more.
+# Largest offset of clocks that are taken for synchronous [s], and significance of a larger one in σ.
 _TOLERATED_OFFSET_S, _SIGMAS = 0.25, 3.0
-# Noise whose neighbours are all alike still counts as something.
+# Upper bound of the correlation of successive errors.
 _MOST_ALIKE = 0.99
 
 
@@ -43,11 +44,11 @@ class BendCheck:
     Attributes
     ----------
     bends : int
-        Places compared.
+        Number of bends found.
     told_rad, seen_rad : float
-        Median of the largest bends of the positions, and of the camera's turns there, without their sides.
+        Median size of the largest bends of the positions, and of the camera's turns there [rad].
     error_rad, mirrored_error_rad : float
-        Median difference between the two, and to the other side [rad].
+        Median size of the difference of both, and of the difference if the positions are mirrored [rad].
     """
 
     bends: int = 0
@@ -65,14 +66,14 @@ class BendCheck:
 
 @dataclass(frozen=True)
 class PositionClock:
-    """The clock of positions beside a way that was reckoned without them.
+    """Clock offset of positions against a path from other sensors.
 
     Attributes
     ----------
     offset_s : float
-        What to add to the stamps of the positions [s].
+        To be added to the stamps of the positions [s].
     sigma_s : float
-        What `offset_s` may be off [s]: infinite where nothing tells it.
+        Standard deviation of `offset_s` [s]; infinite where it is not observable.
     """
 
     offset_s: float = 0.0
@@ -80,7 +81,7 @@ class PositionClock:
 
     @property
     def is_off(self) -> bool:
-        """Whether it is known to be off by more than is tolerated."""
+        """Whether the offset is significantly larger than tolerated."""
         return abs(self.offset_s) > _TOLERATED_OFFSET_S + _SIGMAS * self.sigma_s
 
 
@@ -88,23 +89,23 @@ class PositionClock:
 def check_bends(
     stream: SensorStream, vision: Trajectory, up_in_camera: ArrayLike = UP_IN_CAMERA, sigma_m: float = 1.0
 ) -> BendCheck:
-    """Compare the bends of positions, seen from above, with the turns of a camera that goes where it looks.
+    """Compare the bends of positions, seen from above, with the turns of a camera that looks ahead.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"position"``.
     vision : Trajectory
-        The camera's rotations, from one to the next; its centres are not looked at.
+        The camera's path, of which only the rotations are used.
     up_in_camera : (3,) array-like
         Direction in the camera's frame that is up where it stands upright. Default: against its y axis.
     sigma_m : float
-        What a position may be off, along each axis [m].
+        Standard deviation of a position along each axis [m].
 
     Returns
     -------
     BendCheck
-        It tells nothing of a straight way, nor of one of less than twenty standard deviations.
+        Without bends if the path is straight, or shorter than twenty standard deviations.
 
     Raises
     ------
@@ -126,9 +127,9 @@ def check_bends(
 
 
 def _path_bends(stream: SensorStream, times: FloatArray, heading: FloatArray, chord_m: float) -> FloatArray:
-    """Angles to the left (n, 2) between a chord up to a place and one from there on, and of the camera.
+    """Angles to the left (n, 2): between the chords before and after a place, and of the camera's turn.
 
-    The camera's is that from the middle of one chord to the middle of the other.
+    The camera's turn is taken from the middle of one chord to the middle of the other.
     """
     places = interpolate_vectors(stream.t_s, stream.values, times)[:, :2]
     found = []
@@ -146,22 +147,22 @@ def _path_bends(stream: SensorStream, times: FloatArray, heading: FloatArray, ch
 
 @checked()
 def check_position_clock(stream: SensorStream, path: Trajectory) -> PositionClock:
-    """Compare when positions bend, and change their speed, with when a reckoned way does.
+    """Estimate the clock offset of positions against a path that was computed without them.
 
-    Offsets up to 2.5 s are tried, over stretches of 20 s, each brought to the positions by a similarity of
-    its own: the way may drift.
+    Offsets up to 2.5 s are tried. The path may drift: each stretch of 20 s is registered to the positions by
+    a similarity of its own, and the offset with the smallest residuals is chosen.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"position"``.
     path : Trajectory
-        The way of the same place, reckoned without these positions.
+        Path of the same place on the vehicle, computed without these positions.
 
     Returns
     -------
     PositionClock
-        It tells nothing where there are too few positions, or the way is straight and even.
+        Of infinite σ if there are too few positions, or the vehicle drives straight at constant speed.
 
     Raises
     ------
@@ -175,13 +176,12 @@ def check_position_clock(stream: SensorStream, path: Trajectory) -> PositionCloc
     best = int(np.argmin(cost))
     if not 0 < best < len(cost) - 1:
         return PositionClock()
-    left, peak, right = cost[best - 1 : best + 2]
-    curvature = float(left - 2 * peak + right)
+    step_s = float(_OFFSETS_S[1] - _OFFSETS_S[0])
+    before, here, after = cost[best - 1 : best + 2]
+    beside_s, curvature = parabola_minimum(before, here, after, step_s)
     if curvature <= 0:
         return PositionClock()
-    step_s = float(_OFFSETS_S[1] - _OFFSETS_S[0])
-    offset_s = float(_OFFSETS_S[best]) + step_s * 0.5 * float(left - right) / curvature
-    return PositionClock(offset_s, float(step_s / np.sqrt(curvature)))
+    return PositionClock(float(_OFFSETS_S[best]) + beside_s, float(step_s / np.sqrt(curvature)))
 
 
 def _costs(t_s: FloatArray, places: FloatArray, path: Trajectory) -> FloatArray:
@@ -201,11 +201,11 @@ def _stretch_costs(t_s: FloatArray, places: FloatArray, path: Trajectory) -> Flo
             _similarity_residuals(interpolate_vectors(path.t_s, path.centres, t_s + o), places)
             for o in _OFFSETS_S
         ]
-    except InvalidArgument:  # it stands still, or goes straight to the last digit
+    except InvalidArgument:  # no similarity: the vehicle stands still, or drives exactly straight
         return np.zeros(len(_OFFSETS_S))
     squares = np.array([np.sum(residuals**2) for residuals in left])
     best = left[int(np.argmin(squares))]
-    # Noise of receivers, and drift of the way, lasts: neighbours say the same again.
+    # Errors of receivers and of the path are correlated in time: they count as fewer independent ones.
     alike = np.clip(np.sum(best[1:] * best[:-1]) / max(np.sum(best**2), 1e-300), 0.0, _MOST_ALIKE)
     count = len(t_s) * (1 - alike) / (1 + alike)
     return np.asarray(1.5 * count * np.log(np.maximum(squares, 1e-300)))

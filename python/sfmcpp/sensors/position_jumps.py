@@ -11,21 +11,22 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.sensor_stream import FASTEST_M_S
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
-from sfmcpp.sensors.stream import require_kind, running_median
+from sfmcpp.sensors.stream import local_medians, require_kind
 
-# The speed at a step is a median over so long, and over at least 2 and at most 5 steps on either side.
+# The velocity at a step is a median over this time [s] on either side, of at least 2 and at most 5 steps.
 _SPEED_WITHIN_S, _LEAST_REACH, _LARGEST_REACH = 0.5, 2, 5
-# A level is a median of so many positions; what is shorter than half of that is taken singly.
+# A level is the median of so many positions. Outliers of fewer than half of them do not change it: they are
+# found one by one, by their distance from it.
 _LEVEL = 4
-# Above all differences of levels, and of positions from their level, that white noise of 1 along each axis
-# makes: the largest of 84,600 on KITTI's 0001, 0027, 0036 and 0039 were 7.4 and 6.0.
+# In units of σ, above all differences of levels, and of positions from their level, that white noise causes:
+# the largest of 84,600 on KITTI's 0001, 0027, 0036 and 0039 were 7.4 and 6.0.
 _NOISE = 9.0
-# What honest positions may be off, the two of a way together, and the least that counts as σ [m].
+# Largest error of a step between two fault-free positions, in units of σ, and least σ [m].
 _NOISE_SIGMAS, _LEAST_SIGMA_M = 10.0, 1.0
-# A jump is a leap at one of its edges alone where the motion makes the other step shorter: a stretch ends at
-# steps of so much of a leap, too.
+# The motion of the vehicle may shorten one of the two large steps of a jump: stretches also end at steps of
+# this share of the largest possible one.
 _CUT_SHARE = 0.5
-# More leaps are noise, and not looked at.
+# More large steps are noise; such a stream is not searched.
 _MOST_LEAPS = 1000
 
 
@@ -33,21 +34,22 @@ _MOST_LEAPS = 1000
 def displaced_positions(stream: SensorStream, sigma_m: float = 1.0) -> NDArray[np.bool_]:
     """Find positions that have jumped away from the others, until they jump back.
 
-    The motion that most steps have in common is taken away; what is left is a level with noise about it.
-    Where the level changes by more than noise and the acceleration of a vehicle can make it, and changes
-    back, the positions between are displaced. Of a jump without return it is not known which side is.
+    The motion, integrated from running medians of the velocity, is subtracted; what remains is constant but
+    for noise. Where its level changes by more than noise and the acceleration of a vehicle explain, and later
+    changes back, the positions between are displaced. After a jump without return it is not known which side
+    is displaced.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"position"``.
     sigma_m : float
-        What a position may be off, along each axis [m].
+        Standard deviation of a position along each axis [m].
 
     Returns
     -------
     (n,) bool
-        All False where these would be more than half of all: it is not known then which are displaced.
+        All False if more than half would be displaced: it is then not known which ones are.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def displaced_positions(stream: SensorStream, sigma_m: float = 1.0) -> NDArray[n
     half_window_s = 0.5 * _reach(period_s) * period_s
     limit_m = _NOISE * sigma_m + LARGEST_ACCELERATION_M_S2 * half_window_s**2
     left = _without_motion(stream.t_s, stream.values)
-    displaced = np.linalg.norm(left - running_median(left, _LEVEL), axis=1) > limit_m
+    displaced = np.linalg.norm(left - local_medians(left, _LEVEL), axis=1) > limit_m
     rest = np.flatnonzero(~displaced)
     if len(rest) >= 2 * _LEVEL:
         changes = _level_changes(_without_motion(stream.t_s[rest], stream.values[rest]))
@@ -71,16 +73,16 @@ def displaced_positions(stream: SensorStream, sigma_m: float = 1.0) -> NDArray[n
 
 
 def _without_motion(t_s: FloatArray, positions: FloatArray) -> FloatArray:
-    """Positions (n, 3) less the way that the speeds about each step make."""
+    """Positions (n, 3) less the integral of the median velocity about each step."""
     periods_s = np.diff(t_s)
     reach = _reach(float(np.median(periods_s)))
-    speeds = running_median(np.diff(positions, axis=0) / periods_s[:, None], reach)
+    speeds = local_medians(np.diff(positions, axis=0) / periods_s[:, None], reach)
     way = np.concatenate([np.zeros((1, 3)), np.cumsum(speeds * periods_s[:, None], axis=0)])
     return np.asarray(positions - way)
 
 
 def _reach(period_s: float) -> int:
-    """Steps on either side that tell a speed."""
+    """Number of steps on either side in the median of a velocity."""
     return int(np.clip(_SPEED_WITHIN_S / period_s, _LEAST_REACH, _LARGEST_REACH))
 
 
@@ -93,7 +95,7 @@ def _level_changes(left: FloatArray) -> FloatArray:
 
 
 def _between_jumps(changes: FloatArray, limit_m: float) -> NDArray[np.bool_]:
-    """Positions (n,) between a jump and the nearest that undoes it."""
+    """Positions (n,) between a jump and the nearest one back."""
     displaced = np.zeros(len(changes) + 1, dtype=bool)
     jumps = _peaks(np.linalg.norm(changes, axis=1), 0.5 * limit_m)
     sizes = np.linalg.norm(changes[jumps], axis=1)
@@ -112,7 +114,7 @@ def _between_jumps(changes: FloatArray, limit_m: float) -> NDArray[np.bool_]:
 
 
 def _peaks(sizes: FloatArray, limit: float) -> NDArray[np.intp]:
-    """Numbers of those above a limit that are the largest within the length of a level."""
+    """Indices of local maxima above a limit, each the largest within the length of a level."""
     padded = np.pad(sizes, _LEVEL - 1)
     largest = np.lib.stride_tricks.sliding_window_view(padded, 2 * _LEVEL - 1).max(axis=-1)
     return np.flatnonzero((sizes > limit) & (sizes == largest))
@@ -120,22 +122,22 @@ def _peaks(sizes: FloatArray, limit: float) -> NDArray[np.intp]:
 
 @checked()
 def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorStream:
-    """Leave out positions that no vehicle could have got to from the others, as of fixes that were lost.
+    """Leave out positions that a vehicle cannot have reached from the others, as of a lost fix.
 
-    Of all the ways along stretches without large steps that a vehicle can have gone, that with most positions
-    is kept; a stream of which every step is possible is kept whole.
+    The stream is cut into stretches at large steps. Of all sequences of stretches that a vehicle can have
+    driven, the one with the most positions is kept; a stream without impossible steps is kept whole.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"position"`` or ``"pose"``.
     sigma_m : float, optional
-        What a position may be off, along each axis [m]; less than a metre, or None, counts as one.
+        Standard deviation of a position along each axis [m]; less than a metre, or None, counts as one.
 
     Returns
     -------
     SensorStream
-        The same one where nothing is left out.
+        The given stream if nothing is left out.
 
     Raises
     ------
@@ -176,6 +178,6 @@ def _reachable(
     noise_m: float,
     share: float = 1.0,
 ) -> NDArray[np.bool_]:
-    """Whether a vehicle can get from one place to another in the time, by a share of its longest way."""
+    """Whether the distance between two places is at most a share of what a vehicle can drive in the time."""
     way = np.linalg.norm(end - start, axis=1)
     return np.asarray(way <= share * (FASTEST_M_S * (end_s - start_s) + noise_m))

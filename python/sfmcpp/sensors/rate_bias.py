@@ -23,7 +23,7 @@ from sfmcpp.sensors.turn import Turn, rotations_of, times_of
 # Pairs of images used: fewer do not determine a bias, and more are not needed.
 _FEWEST, MOST_TURNS = 6, 64
 # A bias is one from so many standard deviations on, and from so much over the root of the number of turns on
-# [rad/s]: with both, in no window of the honest streams of 0001, 0027, 0036 and 0039 there was one.
+# [rad/s]: with both, in no window of the fault-free streams of 0001, 0027, 0036 and 0039 there was one.
 _SIGMAS = 5.0
 _LEAST_RAD_S = float(np.radians(3.7))
 # No gyroscope has more; rates in a wrong unit do [rad/s].

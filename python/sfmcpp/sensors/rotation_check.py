@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sfmcpp.geometry import so3
+from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
@@ -239,8 +240,6 @@ def _best_offset(errors: FloatArray, offsets: FloatArray) -> tuple[int, float, f
     weight = 1 / (1 + (angles[best] / scale) ** 2)
     information = float(weight @ (slope**2).sum(axis=1))
     variance = float(weight @ angles[best] ** 2) / (3 * weight.sum())
-    left, peak, right = cost[best - 1 : best + 2]
-    curvature = left - 2 * peak + right
-    vertex = 0.5 * (left - right) / curvature if curvature > 0 else 0.0
+    vertex, _ = parabola_minimum(*cost[best - 1 : best + 2])
     sigma = np.sqrt(variance / information) if information > 0 else np.inf
     return best, float(offsets[best] + _STEP_S * vertex), float(sigma)

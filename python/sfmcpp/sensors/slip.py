@@ -1,8 +1,8 @@
-"""Slow slip of an odometer, by the scale of a map that images alone hold together.
+"""Slow slip of an odometer, by comparison with a map that was adjusted without it.
 
-A factor that grows little by little and goes again is followed by a map before there is a conflict. But the
-scale of images drifts by what their tracks leave open, which their own covariance tells: a slip stands out
-where they hold the scale from before it to after it.
+The scale of a map follows an odometer whose distances are wrong by a slowly growing factor, so that images
+and odometer do not come into conflict. Without the odometer, the scale of the map drifts only as far as the
+covariance of the images allows: a slip is significant where the ratio of both distances changes by more.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from sfmcpp.model.arrays import ANY, BoolArray, FloatArray
 from sfmcpp.sensors.odometer import speeds_of
 from sfmcpp.sensors.stream import require_kind
 
-# How much more likely a slip must be than none, as a logarithm. Where the covariance is exact, a drift of
-# forty steps comes to more in 3 to 6 of 1,000 cases; beside honest odometers it came to 5.4 on parts of 0001,
-# 0027, 0036 and 0039.
+# Least log-likelihood ratio of a slip against none. Under an exact covariance, a drift of forty steps exceeds
+# it in 3 to 6 of 1,000 cases; with fault-free odometers the largest was 5.4, on parts of KITTI's 0001, 0027,
+# 0036 and 0039.
 _MARGIN = 8.0
-# Slips that are told, as logarithms of the factor: smaller ones are not worth it, and a larger one is rather
-# a map that has lost its scale.
+# Logarithms of the factor: a smaller slip is not worth a correction, a larger one is rather a map that has
+# lost its scale.
 _LEAST, _LARGEST = 0.08, 0.6
-# Shorter ones are no slow slips, nor are those that last for most of a stretch of the map [s].
+# Shortest slip [s], and longest, as a share of the stretch of the map: one of most of it is not slow slip.
 _SHORTEST_S, _LARGEST_SHARE = 1.5, 0.6
-# Ends of slips that are tried [s], and how many of them at most.
+# Candidates begin and end at times so far apart [s], of which there are so many at most.
 _STEP_S, _MOST_ENDS = 0.25, 100
-# Share of the squared acceleration that may be left: on parts of 0001, 0027, 0036 and 0039 slips left 0.48 at
-# most, and what was none 9,000 times as much.
+# Share of the squared acceleration that may remain after a slip is corrected: on parts of 0001, 0027, 0036
+# and 0039 it was 0.48 at most after true slips, and 9,000 times as much after false ones.
 _LEFT_SHARE = 0.5
-# Steps of the map before it, during it and after it.
+# Least number of steps of the map on either side of a slip, and during it.
 _FEWEST_BESIDE, _FEWEST_WITHIN = 2, 4
 
 
 @dataclass(frozen=True)
 class Slip:
-    """A factor on the distances of an odometer that grows and goes again, as a raised cosine.
+    """A factor on the distances of an odometer whose logarithm rises and falls as a raised cosine.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Slip:
 
     @property
     def gain(self) -> float:
-        """By how much it is more likely than none, as a logarithm."""
+        """Log-likelihood ratio against no slip."""
         return 0.5 * (self.log_factor / self.sigma) ** 2
 
     def _phases(self, t_s: FloatArray) -> FloatArray:
@@ -76,7 +76,7 @@ class Slip:
 
     @property
     def complaint(self) -> str:
-        """What it does, in a clause."""
+        """A clause that describes it."""
         factor = float(np.exp(self.log_factor))
         return (
             f"it slips from {self.start_s:.2f} to {self.end_s:.2f} s, by the images: its distances are up to "
@@ -91,17 +91,17 @@ def find_slip(stamps_s: FloatArray, log_ratios: FloatArray, covariance: FloatArr
     Parameters
     ----------
     stamps_s : (n + 1,) float64
-        Times of the keyframes of a stretch that images hold together, ascending [s].
+        Times of the keyframes of a stretch that images connect, ascending [s].
     log_ratios : (n,) float64
-        Logarithm of each step by the images over that by the odometer; not a number where there is none. The
-        unit of the images is their own.
+        Logarithm of the length of each step by the images over that by the odometer; not a number where there
+        is none. The scale of the images is arbitrary.
     covariance : (n, n) float64
-        Covariance of the logarithms, by images and odometer.
+        Covariance of the logarithms, of images and odometer together.
 
     Returns
     -------
     Slip or None
-        None where nothing, or a drift of the images, explains the ratios about as well.
+        None where the drift of the images explains the ratios about as well, or there are too few steps.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def find_slip(stamps_s: FloatArray, log_ratios: FloatArray, covariance: FloatArr
     information = (told**2).sum(axis=0)
     sizes = told.T @ errors / information
     best = int(np.argmax(sizes**2 * information))
-    # Where images scatter by more than they may, they are believed less.
+    # Where the residuals scatter by more than the covariance says, it is scaled up.
     left = (errors - sizes[best] * told[:, best])[courses[:, best] > 0]
     sigma = np.sqrt(max(1.0, np.mean(left**2)) / information[best])
     found = replace(slips[best], log_factor=float(sizes[best]), sigma=float(sigma))
@@ -130,7 +130,7 @@ def find_slip(stamps_s: FloatArray, log_ratios: FloatArray, covariance: FloatArr
 
 
 def _candidates(stamps_s: FloatArray, known: BoolArray) -> tuple[list[Slip], FloatArray]:
-    """Slips that leave keyframes on either side, and their courses (n, slips) over the known steps."""
+    """Slips with keyframes on either side, and the logarithms of their factors (n, slips) at known steps."""
     if np.count_nonzero(known) < _FEWEST_WITHIN + 2 * _FEWEST_BESIDE:
         return [], np.zeros((0, 0))
     first_s, last_s = float(stamps_s[_FEWEST_BESIDE]), float(stamps_s[-1 - _FEWEST_BESIDE])
@@ -143,7 +143,7 @@ def _candidates(stamps_s: FloatArray, known: BoolArray) -> tuple[list[Slip], Flo
 
 
 def _whitening(covariance: FloatArray) -> FloatArray:
-    """What makes logarithms of that covariance (n, n) white, and takes away the unit of the images."""
+    """Matrix (n, n) that whitens logarithms of that covariance and removes their mean, the unknown scale."""
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     unit = whiten.sum(axis=1) / np.linalg.norm(whiten.sum(axis=1))
     return np.asarray(whiten - np.outer(unit, unit @ whiten))
@@ -158,12 +158,12 @@ def without_slip(stream: SensorStream, slip: Slip) -> SensorStream:
     stream : SensorStream
         Of kind ``"speed"``, ``"distance"`` or ``"velocity"``.
     slip : Slip
-        What to take away.
+        The slip to correct.
 
     Returns
     -------
     SensorStream
-        Distances are those without it from the first sample on.
+        Distances are integrated anew from the first sample.
 
     Raises
     ------
@@ -180,17 +180,17 @@ def without_slip(stream: SensorStream, slip: Slip) -> SensorStream:
 
 @checked()
 def is_easier_without(stream: SensorStream, slip: Slip) -> bool:
-    """Whether a slip explains half of the squared acceleration while it lasts, as inertia has it.
+    """Whether correcting a slip removes half of the squared acceleration while it lasts.
 
-    A factor that comes and goes shows in the speed of an odometer that slips. Where the speed is even and it
-    is images that lose their scale, a body that did what they say would brake and accelerate.
+    A vehicle has inertia. If the odometer slips, its speed rises and falls with the factor, and is steadier
+    when corrected; if it is the images that lose their scale, the corrected speed is the less steady one.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"speed"``, ``"distance"`` or ``"velocity"``.
     slip : Slip
-        What images say.
+        As found from the images.
 
     Returns
     -------

@@ -160,8 +160,11 @@ def clock_text(offset_s: float, sigma_s: float, reference: str) -> str:
     return f"its clock is {abs(offset_s):.2f} ± {sigma_s:.2f} s {side} {reference}"
 
 
-def running_median(rows: FloatArray, reach: int) -> FloatArray:
-    """Median of each row, (n,) or (n, k), and of `reach` on either side, as far as there are any."""
+def local_medians(rows: FloatArray, reach: int) -> FloatArray:
+    """Median of each row, (n,) or (n, k), and of `reach` on either side, of fewer at the ends.
+
+    :func:`sfmcpp.weighting.running_median` has no medians where neighbours are missing.
+    """
     padded = np.pad(rows, [(reach, reach), *[(0, 0)] * (rows.ndim - 1)], constant_values=np.nan)
     # Sorted, what is missing comes last: a fifth of the time of nanmedian, which live streams would feel.
     windows = np.sort(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0), axis=-1)

@@ -1,4 +1,4 @@
-"""Choice of the distortion model by the cost of the whole model.
+"""Choice of the distortion model by the cost of the whole model; objections to a calibration that was given.
 
 A model of too few parameters bends the scene, focal length and heights first; one of too many takes up noise.
 """
@@ -9,13 +9,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sfmcpp.doctor.calibration import calibration
+from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.distortion import distortion
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, adjusted
-from sfmcpp.sfm.cameras import PERSPECTIVE
+from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.settings import IncrementalSettings
 
@@ -87,3 +90,28 @@ def _position_rms(poses: FloatArray, positions: Positions | None, settings: Incr
     except InvalidArgument:  # all at one place, or on a line: they tell nothing of how a model bends
         return 0.0
     return float(np.sqrt(((place.apply(centres) - metres)[good] ** 2).sum(axis=1).mean()))
+
+
+def held_camera_warnings(models: Sequence[Map], cameras: Cameras) -> list[str]:
+    """Let the doctor try other calibrations where focal lengths were given to stay.
+
+    Parameters
+    ----------
+    models : sequence of Map
+        Adjusted.
+    cameras : Cameras
+        What was given.
+
+    Returns
+    -------
+    list of str
+        A sentence for each contradiction; nothing where a focal length is estimated.
+    """
+    if not cameras.fixed[:, PERSPECTIVE.index("f")].all():
+        return []
+    warnings = []
+    for world in models:
+        case = Case(world.whole_problem(2).problem, [], None)
+        for examine in (distortion, calibration):
+            warnings += [f"the camera as given: {f.what}" for f in examine(case) if f.severity == "warning"]
+    return warnings

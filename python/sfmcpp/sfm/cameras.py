@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,10 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, finite_array
 from sfmcpp.model.checks import looked_up
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.cameras import camera_file, read_intrinsics
+from sfmcpp.sources.io.colmap.camera_models import MODELS
+
+if TYPE_CHECKING:
+    from sfmcpp.sources.io.colmap.database import DatabaseCamera
 
 # Intrinsics that a reconstruction estimates, by the name that COLMAP gives the model. The principal point
 # stays at the centre of the image: a few photos do not tell it.
@@ -293,3 +298,36 @@ def _complete_intrinsics(values: FloatArray) -> FloatArray:
     if len(row) not in (5, len(PERSPECTIVE)) or row[0] <= 0:
         raise InvalidArgument(f"camera: {len(row)} numbers, {_RULE}")
     return np.concatenate([row, np.zeros(len(PERSPECTIVE) - len(row))])
+
+
+def as_in_database(cameras: Cameras, known: Sequence[DatabaseCamera], *, keep_models: bool) -> Cameras:
+    """Give cameras the identifiers of those of a COLMAP database, which can then go on with the model.
+
+    Parameters
+    ----------
+    cameras : Cameras
+        Made for images of the database.
+    known : sequence of DatabaseCamera
+        Camera of each image in the database.
+    keep_models : bool
+        Whether their parameters are estimated, and no others. The focal lengths stay those of `cameras`.
+
+    Returns
+    -------
+    Cameras
+        The same ones where images share cameras otherwise than in the database.
+    """
+    count = len(cameras.intrinsics)
+    of_camera = {int(g): camera for g, camera in zip(cameras.of_image, known, strict=True)}
+    shared = {(int(g), camera.id) for g, camera in zip(cameras.of_image, known, strict=True)}
+    ids = [of_camera[g].id for g in range(count)]
+    if len(shared) > count or len(set(ids)) < count:
+        return cameras
+    numbered = replace(cameras, ids=np.array(ids, dtype=np.int64))
+    if not keep_models:
+        return numbered
+    models = [of_camera[g].model for g in range(count)]
+    rows = np.array([of_camera[g].intrinsics for g in range(count)])
+    rows[:, 0] = cameras.intrinsics[:, 0]
+    fixed = np.array([[name not in MODELS[model].free for name in PERSPECTIVE] for model in models])
+    return replace(numbered, intrinsics=rows, fixed=fixed, names=models, model_is_open=False)

@@ -21,7 +21,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.model.arrays import FloatArray, number_array
+from sfmcpp.model.arrays import BoolArray, FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE
@@ -40,7 +40,7 @@ from sfmcpp.sfm.positions import Positions, local_positions
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
-from sfmcpp.weighting.conflict import LIE_SIGMAS
+from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 from sfmcpp.weighting.statistics import MAX_COLUMNS
 
 if TYPE_CHECKING:
@@ -62,9 +62,9 @@ class Georeferenced:
     Attributes
     ----------
     outcome : GpsOutcome
-        What the positions amount to, which of them lie, and the origin of the world.
+        Accuracy and outliers of the positions, and the origin of the world.
     group : ConstraintGroup
-        The positions that do not lie, of kind "position", with the weight that was chosen: for any later
+        The positions without the outliers, of kind "position", with the weight that was chosen: for any later
         solve of the problem.
     """
 
@@ -132,7 +132,8 @@ def georeference_to(
     require_movable(problem)
     _uses_stated_sigmas(problem, positions)
     solve(problem, **options).require_uninterrupted()
-    return _georeferenced(problem, positions, image_names(problem), seed, dict(options), lambda _: None)
+    georeferencing = _Georeferencing(problem, positions, image_names(problem), seed)
+    return georeferencing.run(dict(options), lambda _: None)
 
 
 def georeference_map(world: Map, positions: Positions, settings: IncrementalSettings) -> GpsOutcome:
@@ -150,7 +151,7 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
     Returns
     -------
     GpsOutcome
-        What the positions amount to, and which of them lie.
+        Accuracy and outliers of the positions.
 
     Raises
     ------
@@ -160,10 +161,9 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
     local = world.whole_problem(2)
     names = [world.image_names[image] for image in local.images]
     options = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas, **FINE}
+    of_images = positions.of(local.images)
     # Points seen once are no part of the problem, and move with it all the same.
-    found = _georeferenced(
-        local.problem, positions.of(local.images), names, settings.seed, options, world.transform
-    )
+    found = _Georeferencing(local.problem, of_images, names, settings.seed).run(options, world.transform)
     world.take(local)
     return found.outcome
 
@@ -206,65 +206,107 @@ def _uses_stated_sigmas(problem: Problem, positions: Positions) -> bool:
     return bool(columns > MAX_COLUMNS)
 
 
-def _georeferenced(
-    problem: Problem,
-    positions: Positions,
-    names: list[str],
-    seed: int,
-    options: dict[str, Any],
-    moved: Callable[[Similarity], None],
-) -> Georeferenced:
-    """Move and adjust a problem whose images alone are adjusted; `moved` is called after each move."""
-    images = np.flatnonzero(positions.known)
-    no_fix = np.zeros(len(names)) if positions.no_fix is None else positions.no_fix
-    stated = positions.of(images)
-    metres, weights = stated.metres, stated.member_weights
-    _require_enough(metres)
-    stated_m = stated.stated_sigma_m if _uses_stated_sigmas(problem, positions) else None
-    good = agreeing_pairs(problem.centres[images], metres, seed=seed)
-    good |= undecidable_positions(problem.centres[images], metres, weights, good)
-    for _ in range(_ROUNDS):
-        used = good
-        _require_not_collinear(metres[good], [names[image] for image in images[~good]])
-        # A step of the adjustment turns no whole model without bending it: all that is left for it is little.
-        placed = _fitted_similarity(problem.centres[images[good]], metres[good], weights[good])
-        placed.move(problem)
-        moved(placed)
-        group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
-        apart = problem.centres[images] - metres
-        misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
-        agrees = misses <= LIE_SIGMAS * np.sqrt(3) * sigma_m
-        agrees |= undecidable_positions(problem.centres[images], metres, weights, agrees)
-        if (agrees == good).all():
-            break
-        good = agrees
-    distances = np.linalg.norm(apart, axis=1)
-    alone = good & unchecked_positions(problem.centres[images], weights, good)
-    model = linear_model(problem, [group], options)
-    warnings = [
-        *(NO_FIX.format(names[image]) for image in np.flatnonzero(no_fix)),
-        *warnings_of_all(problem.cameras, problem.centres[images], stated, sigma_m, seed),
-        *(UNCHECKED.format(names[image]) for image in images[alone]),
-        *disagreement_warning([names[image] for image in images[~good]], len(images)),
-        *deviation_warning(model, apart[used], weights[used], [names[image] for image in images[used]]),
-    ]
-    judged, sigmas_m, intrinsics_sigmas = _sigmas_of_result(problem, model)
-    outcome = GpsOutcome(
-        sigma_m=sigma_m,
-        accuracy_m=float(np.sqrt(np.mean(sigmas_m**2))),
-        outliers=[names[image] for image in images[~good]],
-        origin=positions.origin,
-        geodetic=positions.geodetic,
-        stated_sigma_m=stated.stated_sigma_m,
-        residuals_m={names[image]: float(d) for image, d in zip(images, distances, strict=True)},
-        offsets_m={names[image]: offset for image, offset in zip(images, apart, strict=True)},
-        sigmas_m={names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
-        warnings=warnings,
-        intrinsics_sigmas=intrinsics_sigmas,
-        without_position=[names[image] for image in np.flatnonzero(~positions.known)],
-    )
-    outcome.world_origin.put_into(problem.metadata)
-    return Georeferenced(outcome, group)
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A problem adjusted together with the positions of some of its n images that have one.
+
+    Attributes
+    ----------
+    group : ConstraintGroup
+        The positions adjusted with.
+    sigma_m : float
+        Their standard deviation [m].
+    used : (n,) bool
+        Which they are.
+    agrees : (n,) bool
+        Which positions agree with the adjusted problem.
+    apart : (n, 3) float64
+        Adjusted centres less positions [m].
+    """
+
+    group: ConstraintGroup
+    sigma_m: float
+    used: BoolArray
+    agrees: BoolArray
+    apart: FloatArray
+
+
+class _Georeferencing:
+    """Moves and adjusts a problem whose images alone are adjusted, to positions of images by their names."""
+
+    def __init__(self, problem: Problem, positions: Positions, names: list[str], seed: int) -> None:
+        self._problem, self._positions, self._seed = problem, positions, seed
+        self._images = np.flatnonzero(positions.known)
+        self._stated = positions.of(self._images)
+        self._names, self._of_positions = names, [names[image] for image in self._images]
+        _require_enough(self._stated.metres)
+
+    def run(self, options: dict[str, Any], moved: Callable[[Similarity], None]) -> Georeferenced:
+        """Georeference with these options of a solve; `moved` is called after each move."""
+        fit = self._fit(options, moved)
+        model = linear_model(self._problem, [fit.group], options)
+        outcome = self._outcome(fit, model)
+        outcome.world_origin.put_into(self._problem.metadata)
+        return Georeferenced(outcome, fit.group)
+
+    def _fit(self, options: dict[str, Any], moved: Callable[[Similarity], None]) -> _Fit:
+        """Adjust with the positions that agree, until these are the same as before."""
+        problem, images = self._problem, self._images
+        metres, weights = self._stated.metres, self._stated.member_weights
+        stated_m = self._stated.stated_sigma_m if _uses_stated_sigmas(problem, self._positions) else None
+        good = agreeing_pairs(problem.centres[images], metres, seed=self._seed)
+        good |= undecidable_positions(problem.centres[images], metres, weights, good)
+        for _ in range(_ROUNDS):
+            _require_not_collinear(metres[good], self._named(~good))
+            # A step of the adjustment turns no whole model without bending it: little is left for it.
+            placed = _fitted_similarity(problem.centres[images[good]], metres[good], weights[good])
+            placed.move(problem)
+            moved(placed)
+            group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
+            apart = problem.centres[images] - metres
+            misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
+            agrees = misses <= OUTLIER_SIGMAS * np.sqrt(3) * sigma_m
+            agrees |= undecidable_positions(problem.centres[images], metres, weights, agrees)
+            fit = _Fit(group, sigma_m, good, agrees, apart)
+            if (agrees == good).all():
+                break
+            good = agrees
+        return fit
+
+    def _named(self, which: BoolArray) -> list[str]:
+        """Names of some of the images that have a position, (n,)."""
+        return [self._of_positions[k] for k in np.flatnonzero(which)]
+
+    def _warnings(self, fit: _Fit, model: LinearModel) -> list[str]:
+        centres, weights = self._problem.centres[self._images], self._stated.member_weights
+        no_fix = self._positions.no_fix
+        unchecked = fit.agrees & unchecked_positions(centres, weights, fit.agrees)
+        return [
+            *(NO_FIX.format(name) for k, name in enumerate(self._names) if no_fix is not None and no_fix[k]),
+            *warnings_of_all(self._problem.cameras, centres, self._stated, fit.sigma_m, self._seed),
+            *(UNCHECKED.format(name) for name in self._named(unchecked)),
+            *disagreement_warning(self._named(~fit.agrees), len(self._images)),
+            *deviation_warning(model, fit.apart[fit.used], weights[fit.used], self._named(fit.used)),
+        ]
+
+    def _outcome(self, fit: _Fit, model: LinearModel) -> GpsOutcome:
+        warnings = self._warnings(fit, model)
+        distances = np.linalg.norm(fit.apart, axis=1).tolist()
+        judged, sigmas_m, intrinsics_sigmas = _sigmas_of_result(self._problem, model)
+        return GpsOutcome(
+            sigma_m=fit.sigma_m,
+            accuracy_m=float(np.sqrt(np.mean(sigmas_m**2))),
+            outliers=self._named(~fit.agrees),
+            origin=self._positions.origin,
+            geodetic=self._positions.geodetic,
+            stated_sigma_m=self._stated.stated_sigma_m,
+            residuals_m=dict(zip(self._of_positions, distances, strict=True)),
+            offsets_m=dict(zip(self._of_positions, fit.apart, strict=True)),
+            sigmas_m={self._names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
+            warnings=warnings,
+            intrinsics_sigmas=intrinsics_sigmas,
+            without_position=[self._names[image] for image in np.flatnonzero(~self._positions.known)],
+        )
 
 
 def _require_enough(metres: FloatArray) -> None:
@@ -280,9 +322,9 @@ def is_on_a_line(metres: FloatArray) -> bool:
     return bool(spread[1] <= _LINE * spread[0])
 
 
-def _require_not_collinear(metres: FloatArray, lies: list[str]) -> None:
+def _require_not_collinear(metres: FloatArray, wrong: list[str]) -> None:
     if is_on_a_line(metres):
-        but = f" but for those that disagree ({', '.join(lies[:3])})" if lies else ""
+        but = f" but for those that disagree ({', '.join(wrong[:3])})" if wrong else ""
         raise InvalidArgument(
             f"gps: the positions{but} lie on a line, which leaves the model free to turn round it"
         )

@@ -18,15 +18,15 @@ from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.positions import Positions
-from sfmcpp.weighting.conflict import LIE_SIGMAS
+from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 
 # Below it a coordinate counts as not checked; Förstner's usual bound.
 _LEAST_REDUNDANCY = 0.1
 # Of fewer numbers that the fit does not use up, no scatter is known.
 _LEAST_FREE = 5.0
-# What no similarity explains of a position, in parts of its distance from the others, makes it a lie.
+# A position is wrong that no similarity explains to this share of its distance from the others.
 _UNEXPLAINED = 0.1
-# Of fewer pairs, honest ones of 1 m in a flat scene fit a mirrored model as well by chance.
+# Of fewer pairs, right positions of σ = 1 m in a flat scene fit a mirrored model as well by chance.
 _LEAST_PAIRS = 8
 _MUCH_BETTER = 0.5
 _MOST = 0.9
@@ -39,12 +39,11 @@ UNCHECKED = (
     "the alignment of the model, such as its roll about the line of the other positions, depends on the "
     "position of {} alone: the others cannot verify it"
 )
-# So many positions, and so great a part of all, seldom lie each by itself.
-_MANY_LIES, _GREAT_PART = 3, 0.25
+# So many wrong positions, and so great a share of all, have a common cause.
+_MANY, _GREAT_PART = 3, 0.25
 _DOUBTFUL = (
-    "of {} that is more than lie by themselves: do not trust where the model is before it is known why (rows "
-    "of other images, wrong axes, another datum, a bent model, a wrong principal "
-    "point)"
+    "of {} these are too many for single wrong positions: do not trust where the model is before the cause "
+    "is known (rows of other images, wrong axes, another datum, a bent model, a wrong principal point)"
 )
 # No receiver is wrong about itself by such a factor where its unit is right.
 _OTHER_UNIT = 5.0
@@ -282,18 +281,18 @@ def deviation_warning(
     if len(names) > _MOST_NAMES:
         return []
     worst, deviation = worst_deviation(apart, weights, model.hat_matrix(0))
-    if deviation <= LIE_SIGMAS:
+    if deviation <= OUTLIER_SIGMAS:
         return []
     return [_DEVIATES.format(names[worst], float(np.linalg.norm(apart[worst])), deviation)]
 
 
-def disagreement_warning(lies: list[str], count: int) -> list[str]:
+def disagreement_warning(wrong: list[str], count: int) -> list[str]:
     """Name the positions that were left out, of `count`; many of them put all in doubt."""
-    if not lies:
+    if not wrong:
         return []
-    count_text = "1 position disagrees" if len(lies) == 1 else f"{len(lies)} positions disagree"
-    names = f"{', '.join(lies[:_NAMED])}{', …' * (len(lies) > _NAMED)}"
+    count_text = "1 position disagrees" if len(wrong) == 1 else f"{len(wrong)} positions disagree"
+    names = f"{', '.join(wrong[:_NAMED])}{', …' * (len(wrong) > _NAMED)}"
     doubt = ""
-    if len(lies) >= _MANY_LIES and len(lies) > _GREAT_PART * count:
+    if len(wrong) >= _MANY and len(wrong) > _GREAT_PART * count:
         doubt = f"; {_DOUBTFUL.format(count)}"
     return [f"{count_text} with the images: left out {names}{doubt}"]

@@ -47,7 +47,7 @@ class GpsOutcome:
         Stated accuracy of the model in the world: standard deviation of one coordinate of its centres, RMS
         over the images [m].
     outliers : list of str
-        Images whose position lies.
+        Images whose position is an outlier.
     origin : (3,) float64
         Of the model: latitude, longitude [deg, WGS84] and height [m], with axes east, north, up; or x, y, z
         in the frame of the positions [m], with its axes.

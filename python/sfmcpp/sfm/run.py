@@ -22,12 +22,18 @@ from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
-from sfmcpp.sfm.cameras import FREE_INTRINSICS, CameraArgument, CameraInput, Cameras, parse_camera_argument
-from sfmcpp.sfm.database_cameras import as_in_database
+from sfmcpp.sfm.camera_choice import held_camera_warnings
+from sfmcpp.sfm.cameras import (
+    FREE_INTRINSICS,
+    CameraArgument,
+    CameraInput,
+    Cameras,
+    as_in_database,
+    parse_camera_argument,
+)
 from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_positions
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
-from sfmcpp.sfm.held_cameras import held_camera_warnings
 from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models

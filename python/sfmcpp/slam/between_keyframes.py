@@ -13,7 +13,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.fusion import FEWEST, Member, grouped_constraints, pose_constraint, pose_view, usual_weights
 from sfmcpp.slam.mapping import ROBUST_LOSS, solve_live
-from sfmcpp.slam.motion_sensors import PLACE_KINDS, Measurement
+from sfmcpp.slam.measurement import PLACE_KINDS, Measurement
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings

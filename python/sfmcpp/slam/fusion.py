@@ -14,7 +14,7 @@ from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import View
-from sfmcpp.slam.motion_sensors import PLACE_KINDS, Measurement
+from sfmcpp.slam.measurement import PLACE_KINDS, Measurement
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
 from sfmcpp.weighting import (

@@ -19,7 +19,7 @@ from sfmcpp.slam.calibration import remove_biases
 from sfmcpp.slam.fusion import constraint_groups, presumed_weights
 from sfmcpp.slam.localisation import RANSAC_ITERATIONS, SAME_TURN_RAD, expected_rotation, locate
 from sfmcpp.slam.mapping import LOCAL_LOSS, drop_outliers, triangulate_new
-from sfmcpp.slam.motion_sensors import Measurement
+from sfmcpp.slam.measurement import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap

@@ -14,7 +14,7 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.names import Loss
 from sfmcpp.sensors.registration import OPEN_ROLL_RAD
 from sfmcpp.slam.fusion import constraint_groups
-from sfmcpp.slam.motion_sensors import METRIC_KINDS, PLACE_KINDS
+from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS
 from sfmcpp.slam.result import FinalAdjustment, SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import RIGID, with_right_views

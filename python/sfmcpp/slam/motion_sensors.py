@@ -1,4 +1,4 @@
-"""Sensors as sources of constraints on keyframe poses (thesis table 5.1)."""
+"""Sensors as sources of measurements of keyframes: odometer, gyroscope, GPS, INS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model import CONSTRAINT_KINDS, Gap, SensorStream
+from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import (
@@ -26,47 +26,10 @@ from sfmcpp.sensors import (
     travelled_distance,
     without_leaps,
 )
+from sfmcpp.slam.measurement import Measurement
 
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
 _CARRIED_M_S2 = 1.0
-# Kinds that need a map in metres, in the sensor's world.
-METRIC_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.unit == "m")
-# Kinds that constrain one keyframe, not the motion from the one before.
-PLACE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses and kind.cameras == (1,))
-
-
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """One constraint on a keyframe, or between the one before and it.
-
-    Attributes
-    ----------
-    sensor : str
-        Name of the sensor.
-    kind : str
-        Row of thesis table 5.1: ``"scale"`` (the distance of the centres), ``"displacement-pose"`` (the pose
-        previous_from_this of the camera), ``"displacement-rotation-log"`` (its rotation), ``"position"`` (its
-        centre) or ``"pose"``.
-    value : float, or (3, 3), (3,) or (3, 4) float64
-        Distance [m], rotation, centre [m] or pose world_from_camera.
-    sigma : float or None
-        Standard deviation of the sensor [m or rad]: bounds its weight, and judges conflicts. None: not known
-        (yet).
-    doubtful : bool
-        Whether the sensor's own stream shows that it cannot be right here; it then has no weight.
-    yields : bool
-        Whether a conflict with the images lowers its weight (:class:`sfmcpp.weighting.PoseConstraint`).
-    slack : float
-        A further standard deviation, by the stream [m or rad]: conflicts are judged by both.
-    """
-
-    sensor: str
-    kind: str
-    value: float | FloatArray
-    sigma: float | None
-    doubtful: bool = False
-    yields: bool = True
-    slack: float = 0.0
 
 
 @runtime_checkable

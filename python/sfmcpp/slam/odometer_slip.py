@@ -16,7 +16,8 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Slip, find_slip, is_easier_without
 from sfmcpp.slam.fusion import constraint_groups
 from sfmcpp.slam.mapping import ROBUST_LOSS
-from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Ins, Measurement, Odometer
+from sfmcpp.slam.measurement import METRIC_KINDS, Measurement
+from sfmcpp.slam.motion_sensors import Gps, Ins, Odometer
 from sfmcpp.slam.odometer_clock import set_odometer_clocks
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite

@@ -14,7 +14,8 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Registration, register_by_distances, register_by_poses, register_by_positions
 from sfmcpp.sensors.registration import LARGEST_RELATIVE_SIGMA
 from sfmcpp.slam.fusion import presumed_weights
-from sfmcpp.slam.motion_sensors import METRIC_KINDS, Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.measurement import METRIC_KINDS
+from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings

@@ -15,7 +15,7 @@ from sfmcpp.map.table import Table
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray
 from sfmcpp.model.frames import Frame, View
-from sfmcpp.slam.motion_sensors import Measurement
+from sfmcpp.slam.measurement import Measurement
 
 
 @dataclass(frozen=True, eq=False)

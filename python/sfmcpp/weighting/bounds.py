@@ -99,9 +99,9 @@ def declared_bounds(
 ) -> WeightBounds:
     """Bounds of λ: the declared weight, and what a conflict of c standard deviations leaves of it.
 
-    The lower bound is ``λ / (1 + (c/3)²)``. With the root of it, the influence of Cauchy's loss, drives with
-    a gyroscope that lies are worse by half; where all are honest it gains a tenth. A sensor that does not
-    yield has λ for both.
+    The lower bound is ``λ / (1 + (c/3)²)``. With its root instead, the influence of Cauchy's loss, errors of
+    drives with a faulty gyroscope grow by half, and those of drives without faults fall by a tenth. A sensor
+    that does not yield has λ for both.
 
     Parameters
     ----------

@@ -31,8 +31,9 @@ _LEAST_FREE = 0.3
 _MEDIAN_SPREAD = 1.17
 # The smallest probability whose quantile the normal distribution still gives.
 _LEAST_PROBABILITY = 1e-300
-# Standard deviations, of a number, beyond which a member lies: one of 10,000 honest ones does.
-LIE_SIGMAS = 4.6
+# Standard deviations, of a number, beyond which a member is an outlier: of normal ones fewer than one in
+# 100,000 are.
+OUTLIER_SIGMAS = 4.6
 _Number = TypeVar("_Number", float, FloatArray)
 
 
@@ -252,7 +253,7 @@ def agreeing_members(
     Returns
     -------
     (n,) bool
-        Which members are within `LIE_SIGMAS` of the state.
+        Which members are within `OUTLIER_SIGMAS` of the state.
     """
     (rows,) = linearize(problem, constraints=[group]).groups
     squared = np.bincount(rows.member, rows.errors**2, minlength=group.num_members) * unit.spread
@@ -261,4 +262,4 @@ def agreeing_members(
         variance = float(np.median(squared[judged])) / chi_square_median(unit.freedom)
     else:
         variance = sigma**2
-    return np.asarray(squared <= LIE_SIGMAS**2 * unit.freedom * variance)
+    return np.asarray(squared <= OUTLIER_SIGMAS**2 * unit.freedom * variance)

@@ -20,29 +20,29 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.residual_group import Group
 from sfmcpp.weighting.units import unit_of_group
 
-# Steps of a fit that starts at a neighbour's optimum; with hardly any damping, which would hold back just
-# the weak directions that a sensor decides.
+# Steps of a fit that starts at the optimum of a neighbouring weight; with hardly any damping, because damping
+# slows down the weakly determined directions, which are those that a sensor determines.
 _FIT_STEPS = 30
 _WARM_DAMPING = 1e-9
-# Without one of its observations a point may be hardly determined, and must be held.
+# More damping where observations are left out: a point may then be hardly determined.
 _SUBSET_DAMPING = 1e-5
 _FIT_TOLERANCE = 1e-10
-# Where the linear model tells the rest.
+# Of fits whose last part is left to the linear model.
 _BRIEF_STEPS = 12
 _BRIEF_TOLERANCE = 1e-5
-# The images alone give no more than their noise, and where to start.
+# Of the fit of the images alone, which only gives their noise and the start of other fits.
 _ALONE_TOLERANCE = 1e-4
 # Inliers are within this many standard deviations of the images alone.
 INLIER_SIGMAS = 2.0
-# Predicted errors of this many standard deviations all count the same: the usual scale of Tukey's loss.
+# Scale of Tukey's loss of predicted errors, that of 95 % efficiency: beyond it the loss is constant.
 _LEFT_OUT_SIGMAS = 4.6851
-# Squared length of two unit normal numbers: its median.
+# Median of the squared length of a vector of two standard normal numbers.
 _MEDIAN_OF_TWO = 2 * math.log(2)
-# Images without noise are taken to have this share of their declared one.
+# Lower bound of the noise of the images, as a share of the declared one.
 LEAST_NOISE = 1e-6
-# Best and worst sensor, as a share of the extent of what it measures.
+# Bounds of the σ of a sensor: the extent of what it measures, divided and multiplied by this.
 _RANGE = 1e6
-# Share of the diagonal that is added to the normal equations: cameras that nothing determines.
+# Share of the diagonal that is added to the normal equations, for cameras that are not determined.
 _RIDGE = 1e-12
 
 
@@ -83,7 +83,7 @@ class WeightFits:
     Attributes
     ----------
     groups : list of ConstraintGroup or ResidualGroup
-        The groups, members without a say at weight zero.
+        The groups; members whose cameras and points are all fixed or unobserved have weight zero.
     units : list of ConstraintUnit
         Unit, spread and freedom of each.
     noise : float
@@ -117,7 +117,7 @@ class WeightFits:
         self.alone = self._result(state, summary)
 
     def among(self, members: Mapping[int, BoolArray]) -> WeightFits:
-        """The same with some members (n,) of some groups alone, by number of the group."""
+        """The same fits with only the given members (n,) of some groups, by number of the group."""
         other = copy(self)
         other.groups = [
             _group_of_members(g, members[k]) if k in members else g for k, g in enumerate(self.groups)
@@ -126,7 +126,7 @@ class WeightFits:
         return other
 
     def fit(self, weights: FloatArray, start: Problem, brief: bool = False) -> WeightFit:
-        """Fit at the given weights (k,), from a start that is left untouched; if `brief`, less sharply."""
+        """Fit at the given weights (k,), from a start that is left untouched; `brief`: less exactly."""
         state, options = start.copy(), self.options
         if brief:
             options = self._options_with(max_iterations=_BRIEF_STEPS, function_tolerance=_BRIEF_TOLERANCE)
@@ -167,16 +167,16 @@ class WeightFits:
         return LinearModel(problem, self._weighted(weights), self.options, _RIDGE)
 
     def measurements(self, k: int) -> int:
-        """Independent numbers measured by group k."""
+        """Number of independent measurements of group k."""
         weights = self.groups[k].member_weights
         return (self.units[k].freedom if weights.ndim == 1 else 1) * int(np.count_nonzero(weights))
 
     def bounded(self, k: int, weight: float) -> float:
-        """A weight of group k within reason, in three digits.
+        """A weight of group k within bounds, rounded to three digits.
 
-        A sensor is neither better than a millionth of the extent of the cameras, of a radian or of a pixel,
-        nor worse than a million of them. The rounding, far below what data can tell, is where the last bits
-        of sums that depend on the machine's linear algebra end.
+        The bounds are those of a σ between a millionth of the extent of the cameras (of a radian, of a pixel)
+        and a million times that. The rounding, far below the accuracy of a weight, removes the last bits of
+        sums, which depend on the machine's linear algebra.
         """
         unit = self.units[k]
         extent = float(np.ptp(self.alone.problem.centres, axis=0).max()) if unit.name == "m" else 1.0
@@ -184,15 +184,15 @@ class WeightFits:
         return float(f"{min(max(weight, middle / _RANGE**2), middle * _RANGE**2):.2e}")
 
     def balanced(self, k: int, fit: WeightFit) -> float:
-        """The weight of group k at which it costs what the images cost, number by number, in a fit."""
+        """The weight of group k at which a measurement costs on average as much as one of the images."""
         error = max(fit.errors[k], np.finfo(float).tiny)
         return self.bounded(k, self.noise**2 * self.measurements(k) / error)
 
     def left_out_loss(self, squared: FloatArray) -> FloatArray:
-        """Tukey's loss of predicted errors, given squared, independent of that of the fits.
+        """Tukey's loss of predicted errors, given squared; independent of the loss of the fits.
 
-        Of points seen at small angles some are lost without one of their observations, and would decide
-        alone.
+        It bounds the errors of points seen at small angles, which may be arbitrarily large without one of
+        their observations, and would otherwise determine the mean.
         """
         return np.asarray(_core.loss_terms("tukey", _LEFT_OUT_SIGMAS * self.noise, squared)[0])
 
@@ -242,7 +242,7 @@ def _has_free_entity(members: IndexArray, seen: IndexArray, held: BoolArray) -> 
     """(n,) whether one at least of each member (n,) or (n, p) is observed and not held."""
     listed = members if members.ndim == 2 else members[:, None]
     if not ((listed >= 0) & (listed < len(held))).all():
-        return np.ones(len(members), dtype=np.bool_)  # the core says which
+        return np.ones(len(members), dtype=np.bool_)  # the core refuses it and names the member
     observed = np.bincount(seen, minlength=len(held)) > 0
     return np.asarray((observed & ~held)[listed].any(axis=1))
 

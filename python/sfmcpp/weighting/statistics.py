@@ -1,9 +1,9 @@
 """Statistics of weights from the linear model: redundancies, likelihoods, left-out errors.
 
 With r the residuals of the images and e those of group g, all over their standard deviations, a group's
-redundancy is ``n_g − tr(K_g)``, with the hat matrix ``K_g = w G_g H⁻¹ G_gᵀ``: how many of its numbers are not
-used up by the fit (Förstner; Helmert's variance components). The redundancies of images and groups add up to
-the degrees of freedom of the whole.
+redundancy is ``n_g − tr(K_g)``, with the hat matrix ``K_g = w G_g H⁻¹ G_gᵀ``: its share of the degrees of
+freedom (Förstner; Helmert's variance components). The redundancies of images and groups add up to the degrees
+of freedom of the whole adjustment.
 """
 
 from __future__ import annotations
@@ -17,27 +17,30 @@ import numpy as np
 
 from sfmcpp.ba.linear_results import LinearStep
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.weighting.fits import LEAST_NOISE, WeightFit, WeightFits, squared_residuals
 
 MAX_COLUMNS = 4000
-# Farthest weight, in factors, that the model at one optimum is believed for.
+# The linear model at one optimum is used for weights up to this factor above or below its own.
 _REACH = 100.0
 _FACTORS = np.geomspace(1 / _REACH, _REACH, 401)
-# How many numbers the prior of a standard deviation takes.
+# A prior proportional to a standard deviation counts as one measurement less.
 _PRIOR = 1
-# Rotation matrices and images have more rows than numbers: the others' share is rounding.
+# Errors of rotation matrices and of images have more rows than degrees of freedom; the eigenvalues of the hat
+# matrix for the surplus rows are zero up to rounding, which is below this.
 _LEAST_SHARE = 1e-12
-# A point seen by two cameras is lost without one of them.
+# Fewest views of a point for its observations to be left out: two more must be left to triangulate it.
 _LEAST_VIEWS = 3
-# Nearly all observations are outliers: the scale of the loss is too small.
+# Lower bound of the mean slope of the influence function: it nears 0 where the scale of the loss is so small
+# that nearly all observations are outliers.
 _LEAST_SLOPE = 0.05
 
 
 @dataclass(frozen=True)
 class Redundancy:
-    """How a fit shares its degrees of freedom.
+    """Degrees of freedom of a fit, by what they are due to.
 
     Attributes
     ----------
@@ -54,7 +57,7 @@ class Redundancy:
 class FitStatistics:
     """Statistics of the linear model at a state near the optimum, taken at the model's own minimum.
 
-    Where the cameras have more than `MAX_COLUMNS` free parameters it says no more than what the errors are.
+    Where the cameras have more than `MAX_COLUMNS` free parameters, only the errors are available.
 
     Parameters
     ----------
@@ -65,8 +68,8 @@ class FitStatistics:
     weights : (k,) float64
         Weight of each group.
     settled : bool
-        Whether the state is the optimum already, by the minimiser: an undamped step would follow directions
-        that hardly anything determines.
+        Whether the minimiser has brought the state to the optimum: then the model takes no step, because an
+        undamped one would be large along directions that the data hardly determine.
 
     Attributes
     ----------
@@ -129,8 +132,8 @@ class FitStatistics:
         return squared_residuals(self.step.problem)
 
     @property
-    def promises(self) -> tuple[float, float]:
-        """How far Σ ρ + Σ w m ε falls on the way there, and how far it should."""
+    def decreases(self) -> tuple[float, float]:
+        """Decrease of Σ ρ + Σ w m ε by the step to the model's minimum: the actual one, the predicted one."""
         images = float(self._fits.loss_terms(self.squared)[0].sum())
         there = images + float(self.weights @ self._fits.squared_errors(self.step.problem))
         return 2 * self.linear.cost - there, 2 * self.step.decrease
@@ -146,8 +149,8 @@ class FitStatistics:
     def image_sigma(self) -> float:
         """Standard deviation of the images in units of the declared one.
 
-        Under a robust loss what counts is how far chance moves the fit: the mean square of the influences ψ
-        over the mean of their slope (Huber's asymptotic variance, for the weight of a cost with that slope).
+        Under a robust loss it is that of Huber's asymptotic variance: the mean square of the influence ψ over
+        the mean of its slope, for the weight of a cost with that slope.
         """
         free = 2 * len(self.squared) - self.linear.num_columns if self.too_large else self.redundancy.images
         _, slope, influence = self._fits.loss_terms(self.squared)
@@ -160,9 +163,9 @@ class FitStatistics:
         In the linear model, with a = eigenvalues of K and ẽ the weighted errors in its eigenvectors, at the
         weight τ w the errors are ``ẽ / (1 + (τ − 1) a)``; minus twice the logarithm of the restricted
         likelihood (Patterson and Thompson 1971) is ``(V + τ E) / s² + log det H − n log τ``. Where it is
-        smallest, ``τ E / s²`` equals the redundancy: Helmert's estimate. With few numbers left that may well
-        be at σ = 0; a prior proportional to σ, one number less, keeps it away (Chung et al., "A nondegenerate
-        penalized likelihood estimator for variance parameters in multilevel models", 2013).
+        smallest, ``τ E / s²`` equals the redundancy: Helmert's estimate. With a small redundancy that may be
+        at σ = 0, which a prior proportional to σ excludes (Chung et al., "A nondegenerate penalized
+        likelihood estimator for variance parameters in multilevel models", 2013).
 
         Parameters
         ----------
@@ -172,7 +175,7 @@ class FitStatistics:
         Returns
         -------
         float
-            τ, within two decades of one.
+            τ, between 1/100 and 100.
         """
         share, vectors = self.linear.hat_spectrum(k)
         share = np.clip(np.where(share < _LEAST_SHARE, 0.0, share), 0.0, 1.0)
@@ -207,11 +210,11 @@ class FitStatistics:
         return cost, self.linear.log_determinant - measured
 
     def left_out_error(self) -> float:
-        """Mean loss of the errors with which all others predict each observation, in closed form.
+        """Mean loss of the error of each observation as predicted from all others, in closed form.
 
         With the leverage ``H_o = J_o H⁻¹ J_oᵀ`` (2×2) the error is ``(I − H_o)⁻¹ r_o``, one Gauss–Newton step
-        without the observation (Allen's PRESS). Observations of points with fewer than three views are left
-        out: without one of them there is no point to predict from.
+        without the observation (Allen's PRESS). Observations of points with fewer than three views are not
+        counted: one view does not determine a point from which to predict the other.
         """
         self.require_small()
         views = np.bincount(self.problem.point_index, minlength=self.problem.num_points)
@@ -225,6 +228,5 @@ def _lowest_factor(score: FloatArray) -> float:
     best = int(np.argmin(score))
     if best in (0, len(score) - 1):
         return float(_FACTORS[best])
-    before, here, after = score[best - 1 : best + 2]
-    shift = 0.5 * (before - after) / (before - 2 * here + after)
+    shift, _ = parabola_minimum(*score[best - 1 : best + 2])
     return float(_FACTORS[best] * (_FACTORS[1] / _FACTORS[0]) ** shift)

@@ -11,15 +11,15 @@ from sfmcpp.weighting.fits import WeightFits
 from sfmcpp.weighting.statistics import FitStatistics
 from sfmcpp.weighting.trials import Trials, admissible
 
-# A change of a weight, in logarithm, that does not matter any more; rounds at most.
+# Converged where no weight changes by more than this, in logarithm; rounds at most.
 _SETTLED = 0.02
 _ROUNDS = 12
-# A step is believed where the cost falls by this share of what it promises, rounding aside, and leads
-# to the optimum where it promises no more than this share of the cost.
-_KEPT_PROMISE = 0.7
+# The minimum of the model is taken for the optimum if the cost falls by this share of the predicted decrease,
+# less a share of the cost for rounding; converged where the predicted decrease is below a share of the cost.
+_KEPT_SHARE = 0.7
 _ROUNDING = 1e-6
 _NEAR = 1e-3
-# How weights that cost inliers come down, and how often.
+# Weights at which too many inliers are lost are multiplied by this, so often at most.
 _RELIEF = 0.3
 _RELIEFS = 20
 
@@ -28,8 +28,8 @@ class VarianceSearch:
     """Linear models visited so far, each at the minimum that the previous one predicted.
 
     At each, every weight goes to the maximum of the restricted likelihood, until no weight changes: Helmert's
-    simultaneous estimation, a Gauss–Newton step a round. Where a step does not do what its model promised,
-    the problem is fitted by the minimiser instead.
+    simultaneous estimation, with one Gauss–Newton step per round. Once a step has decreased the cost by much
+    less than its model predicted, the problem is fitted by the minimiser instead.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class VarianceSearch:
 
     def __init__(self, fits: WeightFits, start: FitStatistics, chosen: Sequence[int]) -> None:
         self._fits, self._chosen = fits, list(chosen)
-        self._steps = True  # whether steps have kept their promises so far
+        self._steps = True  # whether all steps so far have decreased the cost as predicted
         self._visited = [self._at_optimum(start)]
 
     @property
@@ -85,10 +85,10 @@ class VarianceSearch:
         self._visited.append(self._at_optimum(found))
 
     def _at_optimum(self, at: FitStatistics) -> FitStatistics:
-        """A model whose minimum is the optimum, or else one that is made at the optimum."""
+        """The model itself if its minimum is the optimum; else the model at the optimum of the minimiser."""
         if self._steps:
-            fallen, promised = at.promises
-            self._steps = fallen >= _KEPT_PROMISE * promised - _ROUNDING * 2 * at.linear.cost
+            actual, predicted = at.decreases
+            self._steps = actual >= _KEPT_SHARE * predicted - _ROUNDING * 2 * at.linear.cost
         if self._steps:
             return at
         problem = self._fits.fit(at.weights, at.problem, brief=True).problem

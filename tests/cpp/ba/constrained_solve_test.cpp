@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/math/so3.hpp"
 #include "support/random_constraints.hpp"
 
@@ -20,7 +21,6 @@ using optim::Method;
 using optim::State;
 using support::OwnedProblem;
 using Kind = residuals::ConstraintKind;
-using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
 PoseMatrix pose(const State& state, int camera) {
   return Eigen::Map<const PoseMatrix>(state.cameras.data() + 12L * camera);

@@ -5,6 +5,7 @@
 #include "sfmcpp/ba/held_points.hpp"
 #include "sfmcpp/ba/point_refits.hpp"
 #include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "support/linearized_problem.hpp"
 
 namespace sfmcpp::ba::point_steps_test {
@@ -72,8 +73,7 @@ class PointsOfAllModels : public testing::TestWithParam<CameraModelId> {
                                                 int point,
                                                 const State& state) {
     const int camera = work.graph.camera[work.graph.of_point[work.graph.point_begin[point]]];
-    const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> pose(
-        state.cameras.data() + work.problem.camera_offset(camera));
+    const PoseMatrixView pose(state.cameras.data() + work.problem.camera_offset(camera));
     if (is_metric(work.problem.camera_model)) return pose.col(3);
     return -pose.leftCols<3>().inverse() * pose.col(3);
   }

@@ -18,7 +18,6 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector4d;
 using Eigen::VectorXd;
-using support::Matrix34;
 using support::View;
 
 template <class C>

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/math/so3.hpp"
 #include "support/camera_dispatch.hpp"
 #include "support/random_views.hpp"
@@ -126,7 +127,7 @@ TEST(PlusPose, StaysARotationOverManySteps) {
   auto camera = support::random_view(CameraModelId::kBal, 4).camera();
   const double delta[6] = {0.7, -0.3, 0.4, 0, 0, 0};
   for (int k = 0; k < 10000; ++k) plus_pose(camera.data(), delta, camera.data());
-  const Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> pose(camera.data());
+  const PoseMatrixView pose(camera.data());
   const Matrix3d r = pose.leftCols<3>();
   EXPECT_LT((r * r.transpose() - Matrix3d::Identity()).norm(), 1e-14);
 }

@@ -21,7 +21,6 @@ using Eigen::Vector3d;
 using Eigen::Vector4d;
 using Eigen::VectorXd;
 using support::kImageFrame;
-using support::Matrix34;
 using support::View;
 
 constexpr unsigned kSeeds = 30;

@@ -1,5 +1,6 @@
 #include "sfmcpp/core/buffer_store.hpp"
 
+#include <algorithm>
 #include <cstring>
 #include <random>
 #include <vector>
@@ -58,12 +59,11 @@ TEST_F(Store, ArraysNeverOverlapWhateverTheOrderTheyComeAndGoIn) {
 TEST_F(Store, WhatIsGivenBackIsWholeAgain) {
   std::vector<void*> arrays;
   for (int k = 0; k < 64; ++k) arrays.push_back(store.allocate(kSize / 64));
-  EXPECT_EQ(store.bytes_in_use(), kSize);
+  EXPECT_EQ(std::count(arrays.begin(), arrays.end(), nullptr), 0);
   EXPECT_EQ(store.allocate(1), nullptr);
   for (int k : {1, 0}) {  // every second one, then those between
     for (std::size_t i = k; i < arrays.size(); i += 2) store.take_back(arrays[i], kSize / 64);
   }
-  EXPECT_EQ(store.bytes_in_use(), 0u);
   EXPECT_EQ(store.allocate(kSize), arrays[0]);
 }
 

@@ -46,7 +46,6 @@ TEST_P(RandomSystem, ConvergesWithinAsManyIterationsAsUnknowns) {
                                          kGoOn,
                                          x);
   EXPECT_LE(result.iterations, n);
-  EXPECT_LE(result.relative_residual, 1e-9);
   EXPECT_LT(residual().norm(), 1e-8 * std::sqrt(n));
 }
 
@@ -64,7 +63,6 @@ TEST_P(RandomSystem, StopsAsSoonAsTheToleranceIsMetInTheNormItNames) {
   const auto result = conjugate_gradient(
       pool, map_of(a), map_of(m), b, {.tolerance = 1e-2, .max_iterations = 1000}, kGoOn, x);
   EXPECT_LE(norm(residual()), 1.0001e-2 * norm(VectorXd::Ones(n)));
-  EXPECT_NEAR(result.relative_residual, norm(residual()) / norm(VectorXd::Ones(n)), 1e-10);
   if (result.iterations == 0) return;
   conjugate_gradient(pool,
                      map_of(a),

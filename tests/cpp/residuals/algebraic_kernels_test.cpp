@@ -22,7 +22,6 @@ using Eigen::Vector3d;
 using Eigen::Vector4d;
 using residuals::AlgebraicBatch;
 using residuals::kReadAhead;
-using support::Matrix34;
 using support::RandomBatch;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();

@@ -7,6 +7,7 @@
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/visit_camera.hpp"
 #include "sfmcpp/math/so3.hpp"
 #include "sfmcpp/residuals/resection.hpp"
@@ -22,7 +23,6 @@ using Eigen::VectorXd;
 using residuals::PointViews;
 using residuals::PoseSums;
 using residuals::ViewArrays;
-using RowMajor34 = Matrix<double, 3, 4, Eigen::RowMajor>;
 using Vector6 = Matrix<double, 6, 1>;
 using Matrix6 = Matrix<double, 6, 6>;
 
@@ -36,10 +36,10 @@ struct Scene {
       sigma.push_back(0.5 + std::abs(normal()));
     }
     for (auto* p : {&pose, &other}) {
-      RowMajor34 m;
+      Matrix34 m;
       m << exp_so3(0.1 * Eigen::Vector3d(normal(), normal(), normal())),
           0.3 * Eigen::Vector3d(normal(), normal(), normal());
-      Eigen::Map<RowMajor34>{p->data()} = m;
+      Eigen::Map<Matrix34>{p->data()} = m;
     }
     intrinsics.assign(intrinsic_names(model).size(), 0.01);
     intrinsics[0] = 500.0;

@@ -9,6 +9,7 @@
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -21,13 +22,13 @@ using RowMajor6 = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>;
 
 inline Eigen::Matrix4d matrix_of(const PoseNumbers& pose) {
   Eigen::Matrix4d m = Eigen::Matrix4d::Identity();
-  m.topRows<3>() = Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(pose.data());
+  m.topRows<3>() = PoseMatrixView(pose.data());
   return m;
 }
 
 inline PoseNumbers pose_of(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& centre) {
   PoseNumbers pose;
-  Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> m(pose.data());
+  Eigen::Map<PoseMatrix> m(pose.data());
   m << rotation, centre;
   return pose;
 }

@@ -11,6 +11,7 @@
 
 #include "sfmcpp/ba/pose_refinement.hpp"
 #include "sfmcpp/cameras/calibrated.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "sfmcpp/math/so3.hpp"
@@ -23,7 +24,7 @@ using Pose = std::array<double, 12>;
 
 inline Pose pose_of(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& centre) {
   Pose pose;
-  Eigen::Map<Eigen::Matrix<double, 3, 4, Eigen::RowMajor>> m(pose.data());
+  Eigen::Map<PoseMatrix> m(pose.data());
   m << rotation, centre;
   return pose;
 }

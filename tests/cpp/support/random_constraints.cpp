@@ -4,6 +4,7 @@
 #include <cmath>
 #include <random>
 
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/math/so3.hpp"
 
 namespace sfmcpp::support {
@@ -15,7 +16,6 @@ using residuals::ConstraintGroup;
 using residuals::ConstraintKind;
 using residuals::ConstraintMember;
 using residuals::kNoPrevious;
-using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>;
 
 class Measurer {

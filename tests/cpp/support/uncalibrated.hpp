@@ -9,10 +9,9 @@
 #include <Eigen/LU>
 
 #include "sfmcpp/cameras/camera_model.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 
 namespace sfmcpp::support {
-
-using Matrix34 = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
 
 // Of an image of 640 × 480 pixels.
 inline constexpr std::array<double, 3> kImageFrame{400.0, 320.0, 240.0};

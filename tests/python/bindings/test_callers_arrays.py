@@ -8,12 +8,15 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp import InvalidArgument, Problem
+from sfmcpp import InvalidArgument, Problem, _core
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.weighting import PoseConstraint, PoseView
 
 STRUCTURE = (
     "intrinsics_index",
@@ -71,6 +74,49 @@ def test_indices_changed_by_another_thread_end_in_nothing_worse_than_an_error() 
     over.set()
     thread.join()
     assert outcomes <= {"max_iterations", "converged", "point_index"}
+
+
+def sweep_of_many_folds() -> tuple[dict[str, Any], list[dict[str, Any]], FloatArray]:
+    """View, constraint and start of a sweep that takes a second: weights × observations folds."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1.0, 1.0, (250, 3)) + np.array([0.0, 0.0, 5.0])
+    pixels = 500.0 * points[:, :2] / points[:, 2:] + rng.normal(size=(250, 2))
+    view = PoseView(points, pixels, np.array([500.0, 1.0, 0.0, 0.0, 0.0]))
+    constraint = PoseConstraint("smoothing-reprojections", previous=np.eye(3, 4), points=points[:50].copy())
+    return view.arrays(), [constraint.arrays(0.0)], np.eye(3, 4)
+
+
+def test_arrays_of_a_sweep_are_held_and_keep_their_sizes_until_it_ends() -> None:
+    weights, options = np.geomspace(1e-2, 1e2, 40).tolist(), _core.PoseSweepOptions()
+    view, constraints, start = sweep_of_many_folds()
+    expected = _core.sweep_pose_weights(view, constraints, 0, weights, start, options)
+    arrays = [(view, "points"), (view, "pixels"), (view, "intrinsics"), (constraints[0], "points")]
+    begun, refused = threading.Event(), []
+
+    def disturb() -> None:
+        begun.wait()
+        for array in [start, *(values[name] for values, name in arrays)]:
+            try:
+                array.resize(3, refcheck=False)
+            except ValueError as error:
+                refused.append(str(error))
+        view.clear()
+        constraints[0].clear()
+
+    interval = sys.getswitchinterval()
+    thread = threading.Thread(target=disturb)
+    thread.start()
+    sys.setswitchinterval(60.0)  # the other thread gets the GIL where the sweep releases it, and no earlier
+    try:
+        begun.set()
+        found = _core.sweep_pose_weights(view, constraints, 0, weights, start, options)
+    finally:
+        sys.setswitchinterval(interval)
+    thread.join()
+    assert len(refused) == 1 + len(arrays)
+    assert not view
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values)
 
 
 def test_a_linear_model_outlives_the_arrays_it_was_made_of() -> None:

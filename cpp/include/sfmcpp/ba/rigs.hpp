@@ -15,14 +15,12 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 #include "sfmcpp/linear/parameter_map.hpp"
 
 namespace sfmcpp::ba {
-
-using PoseMatrix = Eigen::Matrix<double, 3, 4, Eigen::RowMajor>;
-using PoseMatrixView = Eigen::Map<const PoseMatrix>;
 
 // The pose of a sensor in its rig, of the sensors of a problem or a state.
 PoseMatrixView sensor_at(std::span<const double> sensors, int s);

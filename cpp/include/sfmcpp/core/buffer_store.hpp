@@ -30,8 +30,6 @@ class BufferStore {
   // False for memory that is not of this store.
   bool take_back(void* memory, std::size_t bytes);
 
-  std::size_t bytes_in_use() const { return in_use_; }
-
  private:
   // What is free, by address; neighbours are joined, so that there is at most one gap more than
   // arrays.
@@ -47,7 +45,6 @@ class BufferStore {
 
   char* begin_ = nullptr;
   std::size_t size_ = 0;
-  std::size_t in_use_ = 0;
   std::size_t num_arrays_ = 0;
   std::array<Gap, kMaxGaps> gaps_;
   std::size_t num_gaps_ = 0;

@@ -8,6 +8,9 @@
 
 namespace sfmcpp {
 
+inline constexpr long kCountBytes = 8;  // of the count at the end of a head
+
+// A head has at least kCountBytes, an item at least one byte.
 struct RecordLayout {
   long head_bytes, item_bytes;
 };

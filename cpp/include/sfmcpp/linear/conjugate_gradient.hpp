@@ -21,7 +21,6 @@ struct ConjugateGradientOptions {
 
 struct ConjugateGradientResult {
   int iterations = 0;
-  double relative_residual = 0.0;
   bool finite = true;
   bool stopped = false;  // by `should_stop`
 };

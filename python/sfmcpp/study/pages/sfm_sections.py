@@ -145,12 +145,12 @@ def gps(report: SfmReport) -> str:
     found = report.run.gps
     if found is None:
         return ""
-    lies = set(found.outliers)
+    outliers = set(found.outliers)
     names = list(found.residuals_m)
     values = [found.residuals_m[name] for name in names]
     titles = [f"{name}: {value:.3g} m" for name, value in zip(names, values, strict=True)]
     chart = bars(
-        values, titles, x_label="image", y_label="distance [m]", marked=[name in lies for name in names]
+        values, titles, x_label="image", y_label="distance [m]", marked=[name in outliers for name in names]
     )
     first, second, height = np.asarray(found.origin).tolist()
     frame = f"those of the positions, with the origin at {origin_text(found.world_origin)}"
@@ -164,11 +164,11 @@ def gps(report: SfmReport) -> str:
     if found.rms_m is not None:
         facts.insert(1, f"Residuals: {residuals_text(found)}.")
     paragraphs = "".join(f"<p>{fact}</p>" for fact in facts)
-    liars = [
+    excluded = [
         [html.escape(name), f"{found.residuals_m[name]:.2f}" if name in found.residuals_m else "–"]
         for name in found.outliers
     ]
-    listed = "<h3>Excluded positions</h3>" + _table(("image", "distance [m]"), liars) if liars else ""
+    listed = "<h3>Excluded positions</h3>" + _table(("image", "distance [m]"), excluded) if excluded else ""
     return paragraphs + _figure("Distance of each image from its GPS position", chart) + listed
 
 

@@ -14,7 +14,7 @@ from sfmcpp.sensors import (
     measured_at,
     travelled_distance,
 )
-from sfmcpp.sensors.stream import running_median
+from sfmcpp.sensors.stream import local_medians
 
 T = np.arange(0.0, 2.01, 0.1)
 
@@ -210,7 +210,7 @@ def test_a_stream_that_grows_becomes_the_whole_one(first: int) -> None:
 
 @pytest.mark.parametrize("shape", [(3,), (40,), (5, 3), (40, 3)])
 @pytest.mark.parametrize("reach", [1, 2, 5])
-def test_a_running_median_is_that_of_the_rows_about_each(shape: tuple[int, ...], reach: int) -> None:
+def test_a_local_median_is_that_of_the_rows_about_each(shape: tuple[int, ...], reach: int) -> None:
     rows = np.random.default_rng(0).normal(size=shape)
     expected = [np.median(rows[max(0, k - reach) : k + reach + 1], axis=0) for k in range(len(rows))]
-    np.testing.assert_array_equal(running_median(rows, reach), expected)
+    np.testing.assert_array_equal(local_medians(rows, reach), expected)

@@ -153,3 +153,19 @@ def test_tracks_too_short_for_the_usual_parallax_start_a_map_all_the_same() -> N
     result = run_slam(TrackSequence(long.t_s, frames, np.concatenate(tracks), pixels, long.intrinsics))
     assert sorted(result.poses) == list(range(40))
     assert relative_errors(result, truth)[0] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("fewer", "more"),
+    [
+        ({"keyframe_overlap": 0.5}, {"keyframe_overlap": 0.9}),
+        ({"keyframe_min_tracks": 200, "keyframe_parallax_px": 1e6}, {"keyframe_min_tracks": 200}),
+    ],
+)
+def test_settings_of_keyframes_decide_how_many_there_are(
+    fewer: dict[str, float], more: dict[str, float]
+) -> None:
+    sequence = sequence_of(street_loop_scene(40, 1500, seed=1))
+    worlds = [run_slam(sequence, SlamSettings(**given)).world for given in (fewer, more)]  # type: ignore[arg-type]
+    counts = [len(world.keyframes) for world in worlds if world is not None]
+    assert 3 < counts[0] < counts[1]

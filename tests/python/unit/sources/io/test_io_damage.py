@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from io_helpers import PROPERTY, assert_valid, assert_valid_or_refused, mutated, no_warnings, random_problem
+from sfmcpp import InvalidArgument, _core
 from sfmcpp.sources.io import read, write
 
 BAL_LIKE = {"f": 900, "k1": 0.2, "k2": 0.1}
@@ -67,3 +68,18 @@ def test_files_cut_anywhere_are_read_or_refused(valid_files: tuple[Path, str], t
             path.write_bytes(data[:size])
             assert_valid_or_refused(tmp_path / "copy" / name)
         path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("head", "item", "reason"),
+    [
+        (7, 4, "head = 7: must be at least 8 bytes"),
+        (8, 0, "item = 0: must be"),
+        (8, -4, "item = -4: must be"),
+    ],
+)
+def test_records_of_an_impossible_layout_are_refused(head: int, item: int, reason: str) -> None:
+    with pytest.raises(InvalidArgument, match=reason):
+        _core.split_records(bytes(24), 0, 2, head, item)
+    with pytest.raises(InvalidArgument, match=reason):
+        _core.join_records(np.zeros(24, np.uint8), np.zeros(0, np.uint8), head, item)

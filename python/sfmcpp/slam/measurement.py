@@ -1,0 +1,47 @@
+"""What a sensor tells of a keyframe: one constraint on its pose (thesis table 5.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sfmcpp.model import CONSTRAINT_KINDS
+from sfmcpp.model.arrays import FloatArray
+
+# Kinds that need a map in metres, in the sensor's world.
+METRIC_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.unit == "m")
+# Kinds that constrain one keyframe, not the motion from the one before.
+PLACE_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.on_poses and kind.cameras == (1,))
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """One constraint on a keyframe, or between the one before and it.
+
+    Attributes
+    ----------
+    sensor : str
+        Name of the sensor.
+    kind : str
+        Row of thesis table 5.1: ``"scale"`` (the distance of the centres), ``"displacement-pose"`` (the pose
+        previous_from_this of the camera), ``"displacement-rotation-log"`` (its rotation), ``"position"`` (its
+        centre) or ``"pose"``.
+    value : float, or (3, 3), (3,) or (3, 4) float64
+        Distance [m], rotation, centre [m] or pose world_from_camera.
+    sigma : float or None
+        Standard deviation of the sensor [m or rad]: bounds its weight, and judges conflicts. None: not known
+        (yet).
+    doubtful : bool
+        Whether the sensor's own stream shows that it cannot be right here; it then has no weight.
+    yields : bool
+        Whether a conflict with the images lowers its weight (:class:`sfmcpp.weighting.PoseConstraint`).
+    slack : float
+        A further standard deviation, by the stream [m or rad]: conflicts are judged by both.
+    """
+
+    sensor: str
+    kind: str
+    value: float | FloatArray
+    sigma: float | None
+    doubtful: bool = False
+    yields: bool = True
+    slack: float = 0.0
