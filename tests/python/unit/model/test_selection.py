@@ -235,6 +235,12 @@ def test_an_observation_of_no_camera_is_no_observation_of_the_last() -> None:
         problem.with_cameras([3])
 
 
+def test_no_camera_may_be_left() -> None:
+    problem = sfmcpp.circle_scene(4, 30, camera_model="perspective", seed=0)
+    assert problem.with_cameras([]).num_cameras == 0
+    assert scene().with_cameras([]).num_cameras == 0
+
+
 def test_cameras_are_chosen_by_the_names_of_their_images() -> None:
     problem = scene()
     problem.metadata.image_names = [f"{k}.jpg" for k in range(problem.num_cameras)]
