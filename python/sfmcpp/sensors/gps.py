@@ -32,6 +32,8 @@ _DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
 _SMOOTHED_WITHIN_S, _LEAST_SMOOTHED, _MOST_SMOOTHED = 0.5, 5, 10
 # Positions that are farther from a parabola than noise puts them are not on one.
 _LARGEST_VARIANCE_RATIO = 2.0
+# No metric coordinates of the Earth are larger, not even with the number of their zone before them.
+_FARTHEST_M = 1e8
 
 
 @checked()
@@ -192,7 +194,13 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
 
 
 def require_metres(rows: FloatArray) -> None:
-    """Refuse latitudes and longitudes, (n, 3) with any heights, under the names of x and y."""
+    """Refuse latitudes and longitudes, with any heights, under the names of x and y (n, 3); and millimetres."""
+    usual = np.median(rows, axis=0) if len(rows) else np.zeros(3)  # one that is lost may be anywhere
+    if not (np.abs(usual) <= _FARTHEST_M).all():
+        found = ", ".join(f"{value:g}" for value in usual)
+        raise InvalidArgument(
+            f"gps: x, y, z are {found} m (median): must be at most {_FARTHEST_M:g} m; are they millimetres?"
+        )
     plane = rows[rows[:, :2].any(axis=1), :2]  # where a receiver had no fix there are zeros
     if len(plane) < LEAST_POSITIONS:
         return
