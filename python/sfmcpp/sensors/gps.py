@@ -194,7 +194,7 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
 
 
 def require_metres(rows: FloatArray) -> None:
-    """Refuse latitudes and longitudes, with any heights, under the names of x and y (n, 3); and millimetres."""
+    """Refuse latitudes and longitudes, (n, 3) with heights, under the names of x and y; millimetres too."""
     usual = np.median(rows, axis=0) if len(rows) else np.zeros(3)  # one that is lost may be anywhere
     if not (np.abs(usual) <= _FARTHEST_M).all():
         found = ", ".join(f"{value:g}" for value in usual)

