@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CameraFunction, ConstraintGroup, Problem, Rigs, camera_model
-from sfmcpp.model.arrays import IndexArray, index_array, number_array, require_unmasked
+from sfmcpp.model.arrays import IndexArray, index_array, number_array
 from sfmcpp.model.constraints import NO_CAMERA
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
+from sfmcpp.model.selection import remade
 
 _NUMBERS = ("cameras", "intrinsics", "points", "pixels", "sigma_px", "covariance_px2")
 _STRUCTURE = (
@@ -33,11 +34,10 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
     """
     if not isinstance(problem, Problem):
         raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
+    rigs = remade(problem).rigs  # and the shapes are right: the core compares sizes
     views = {name: getattr(problem, name) for name in _NUMBERS}
-    for name, view in views.items():
-        require_unmasked(name, view)
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
-    return {"camera_model": _core_model(problem), **views, **copies, **_rig_arrays(problem.rigs)}
+    return {"camera_model": _core_model(problem), **views, **copies, **_rig_arrays(rigs)}
 
 
 def _core_model(problem: Problem) -> str | _core.CoreCameraFunction:
@@ -51,8 +51,6 @@ def _core_model(problem: Problem) -> str | _core.CoreCameraFunction:
 def _rig_arrays(rigs: Rigs | None) -> dict[str, Any]:
     if rigs is None:
         return {}
-    if not isinstance(rigs, Rigs):
-        raise InvalidArgument(f"rigs = {rigs!r}: must be Rigs or None")
     return {
         "rig_sensors": rigs.sensors,
         "frame_of_camera": rigs.frame_of_camera.copy(),

@@ -80,7 +80,8 @@ def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
 def _scatter_of_pixels(problem: Problem) -> float:
     """RMS of a coordinate of the pixels about their mean [px]."""
     pixels = problem.pixels[:: max(problem.num_observations // _SAMPLE, 1)]
-    return float(np.sqrt(np.mean(np.var(pixels, axis=0))))
+    with np.errstate(over="ignore"):  # of pixels that are none, and no reason for another warning
+        return float(np.sqrt(np.mean(np.var(pixels, axis=0))))
 
 
 def _pixels(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:

@@ -69,7 +69,9 @@ class Control:
         try:
             return fit_control_points(problem, self._points, sigma_m=self.sigma_m, **options)
         except InvalidArgument as error:
-            raise DatasetError(self.source, str(error).removeprefix("control: ")) from error
+            raise DatasetError(
+                self.source, str(error).removeprefix("control: ").removeprefix("gps: ")
+            ) from error
 
     @cached_property
     def _points(self) -> ControlPoints:

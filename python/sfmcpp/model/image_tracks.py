@@ -89,10 +89,11 @@ def image_tracks(
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a value is not finite, an index is out of range, names are not different, or an
-        image sees a track twice.
+        If a shape is wrong, a value is not finite, a pixel in no image, an index out of range, names are not
+        different, or an image sees a track twice.
     """
     positions = finite_array("pixels", pixels, (ANY, 2))
+    _require_of_an_image(positions)
     images = _index("image_index", image_index, len(positions))
     tracks = _index("track_index", track_index, len(positions))
     count = int(images.max(initial=-1)) + 1
@@ -104,6 +105,22 @@ def image_tracks(
     _require_once(images, tracks, labels)
     known = _sizes(sizes, len(labels))
     return ImageTracks(labels, known, _centres(known, centred), images, tracks, positions)
+
+
+def first_beyond_images(pixels: FloatArray) -> tuple[int, str] | None:
+    """Place, in order, and fault of the first coordinate that is too large for any image, or None."""
+    flat = pixels.reshape(-1)
+    good = np.abs(flat) <= LARGEST_INDEX
+    if good.all():
+        return None
+    worst = int(np.argmin(good))
+    return worst, f"pixel {flat[worst]:g}: must be at most {LARGEST_INDEX} in magnitude"
+
+
+def _require_of_an_image(pixels: FloatArray) -> None:
+    fault = first_beyond_images(pixels)
+    if fault is not None:
+        raise InvalidArgument(f"pixels[{fault[0] // 2}]: {fault[1]}")
 
 
 def _index(name: str, value: ArrayLike, count: int) -> IndexArray:

@@ -140,7 +140,7 @@ class Metadata:
         """
         require_entries(self.extra)
         extra = _rows_of_entries(self.extra, _OF_INTRINSICS, chosen, len(number))
-        if len(ids := extra.get("colmap_camera_ids", ())) == len(chosen):
+        if len(ids := extra.get("colmap_camera_ids", ())) == len(chosen) > 0:
             again = np.setdiff1d(np.arange(len(ids)), np.unique(ids, return_index=True)[1])
             ids[again] = _next_numbers(self.extra["colmap_camera_ids"], len(again))
         if SENSOR_ROWS in extra:

@@ -248,9 +248,9 @@ class ResidualGroup(MemberGroup):
             raise InvalidArgument(f"{self._label(field_name)}: must be from 0 to {count - 1}")
 
     def _call_function(
-        self, poses: FloatArray | None, points: FloatArray | None
+        self, poses: FloatArray | None, points: FloatArray | None, rows: int = ANY
     ) -> tuple[FloatArray, tuple[ArrayLike, ...]]:
-        """Residuals, and the derivatives that the function gives, if it does."""
+        """Residuals, `rows` of each member, and the derivatives that the function gives, if it does."""
         arguments = []
         if poses is not None:
             arguments.append(poses if self._pairs else poses[:, 0])
@@ -264,7 +264,7 @@ class ResidualGroup(MemberGroup):
                 f"must be none or {len(arguments)}"
             )
         require_double(self._label("function"), values, *derivatives)
-        residuals = finite_array(self._label("function"), values, (self.num_members, ANY))
+        residuals = finite_array(self._label("function"), values, (self.num_members, rows))
         return residuals.copy(), tuple(derivatives)  # it may write into the same array the next time
 
     def _given_derivatives(self, residuals: FloatArray, derivatives: tuple[ArrayLike, ...]) -> Evaluation:
@@ -281,10 +281,13 @@ class ResidualGroup(MemberGroup):
     def _differences(
         self, residuals: FloatArray, poses: FloatArray | None, points: FloatArray | None
     ) -> Evaluation:
+        def at(poses: FloatArray | None, points: FloatArray | None) -> FloatArray:
+            return self._call_function(poses, points, residuals.shape[1])[0]
+
         return Evaluation(
             residuals,
-            None if poses is None else by_pose(lambda moved: self._call_function(moved, points)[0], poses),
-            None if points is None else by_point(lambda moved: self._call_function(poses, moved)[0], points),
+            None if poses is None else by_pose(lambda moved: at(moved, points), poses),
+            None if points is None else by_point(lambda moved: at(poses, moved), points),
         )
 
 
@@ -376,8 +379,7 @@ def _difference_step(places: FloatArray) -> float:
 def _difference(
     residuals: Callable[[FloatArray], FloatArray], moved: Callable[[float], FloatArray], step: float
 ) -> FloatArray:
-    result: FloatArray = (residuals(moved(step)) - residuals(moved(-step))) / (2 * step)
-    return result
+    return np.asarray((residuals(moved(step)) - residuals(moved(-step))) / (2 * step))
 
 
 def _shifted_points(points: FloatArray, axis: FloatArray, step: float) -> FloatArray:

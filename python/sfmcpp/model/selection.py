@@ -29,6 +29,23 @@ if TYPE_CHECKING:
     from sfmcpp.model.problem import Problem
 
 
+def remade(problem: Problem) -> Problem:
+    """The problem made anew of its fields, which may have been assigned to since it was made.
+
+    Returns
+    -------
+    Problem
+        With the same arrays where these have the shapes and dtypes of those of a new problem.
+
+    Raises
+    ------
+    InvalidArgument
+        As by :class:`Problem`.
+    """
+    rigs = problem.rigs
+    return replace(problem, rigs=replace(rigs) if isinstance(rigs, Rigs) else rigs)
+
+
 def changed(problem: Problem, **values: Any) -> Problem:
     """A copy of a problem with other values of some of its fields; it shares no array with it."""
     kept = {f.name: getattr(problem, f.name) for f in fields(problem) if f.name not in values}
@@ -40,6 +57,7 @@ def changed(problem: Problem, **values: Any) -> Problem:
 
 def of_observations(problem: Problem, chosen: ArrayLike) -> Problem:
     """Some of its observations."""
+    problem = remade(problem)
     rows = chosen_rows(chosen, problem.num_observations)
     uncertainty = problem.uncertainty.of_some(rows)
     return changed(
@@ -55,9 +73,11 @@ def of_observations(problem: Problem, chosen: ArrayLike) -> Problem:
 
 def of_points(problem: Problem, chosen: ArrayLike) -> Problem:
     """Some of its points, with their observations."""
+    problem = remade(problem)
     points = each_once(chosen, problem.num_points, "point")
     number = new_numbers(points, problem.num_points)
-    kept = of_observations(problem, number[problem.point_index] >= 0)
+    seen = numbers_below("point_index", problem.point_index, problem.num_points)
+    kept = of_observations(problem, number[seen] >= 0)
     return replace(
         kept,
         points=kept.points[points],
@@ -81,9 +101,11 @@ def _numbers_of_names(problem: Problem, chosen: ArrayLike) -> ArrayLike:
 
 def of_cameras(problem: Problem, chosen: ArrayLike) -> Problem:
     """Some of its cameras, with their observations, and the intrinsics and sensors that these use."""
+    problem = remade(problem)
     cameras = each_once(_numbers_of_names(problem, chosen), problem.num_cameras, "camera")
     number = new_numbers(cameras, problem.num_cameras)
-    kept = of_observations(problem, number[problem.camera_index] >= 0)
+    seen = numbers_below("camera_index", problem.camera_index, problem.num_cameras)
+    kept = of_observations(problem, number[seen] >= 0)
     metadata, rigs = kept.metadata.of_cameras(cameras, problem.num_cameras), kept.rigs
     if rigs is not None:
         count = rigs.num_sensors
@@ -105,6 +127,7 @@ def of_cameras(problem: Problem, chosen: ArrayLike) -> Problem:
 
 def with_shared_intrinsics(problem: Problem, groups: ArrayLike | None) -> Problem:
     """One row of intrinsics for the cameras of each group."""
+    problem = remade(problem)
     count = problem.num_cameras
     labels = np.zeros(count, np.int32) if groups is None else index_array("groups", groups)
     if len(labels) != count:
@@ -148,6 +171,7 @@ def with_added_points(
     sigma_px: ArrayLike | None,
 ) -> Problem:
     """More points, behind its own, with their observations."""
+    problem = remade(problem)
     more = typed_array("points", points, np.float64, (-1, problem.points.shape[1]))
     cameras = numbers_below("camera_index", camera_index, problem.num_cameras).astype(np.int32)
     count = len(cameras)

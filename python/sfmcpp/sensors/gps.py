@@ -32,6 +32,8 @@ _DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
 _SMOOTHED_WITHIN_S, _LEAST_SMOOTHED, _MOST_SMOOTHED = 0.5, 5, 10
 # Largest variance about the parabola, in units of the declared one: above it the motion is no parabola.
 _LARGEST_VARIANCE_RATIO = 2.0
+# No metric coordinates of the Earth are larger, not even with the number of their zone before them.
+_FARTHEST_M = 1e8
 
 
 @checked()
@@ -192,7 +194,13 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
 
 
 def require_metres(rows: FloatArray) -> None:
-    """Raise InvalidArgument if x and y of positions (n, 3) look like latitudes and longitudes."""
+    """Raise InvalidArgument if x and y of positions (n, 3) look like latitudes and longitudes, or millimetres."""
+    usual = np.median(rows, axis=0) if len(rows) else np.zeros(3)  # one that is lost may be anywhere
+    if not (np.abs(usual) <= _FARTHEST_M).all():
+        found = ", ".join(f"{value:g}" for value in usual)
+        raise InvalidArgument(
+            f"gps: x, y, z are {found} m (median): must be at most {_FARTHEST_M:g} m; are they millimetres?"
+        )
     plane = rows[rows[:, :2].any(axis=1), :2]  # where a receiver had no fix there are zeros
     if len(plane) < LEAST_POSITIONS:
         return

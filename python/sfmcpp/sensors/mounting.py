@@ -14,6 +14,8 @@ from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 
 # Of a rotation in doubles.
 _ROUNDING = 1e-14
+# No vehicle carries a camera so far from its sensors [m].
+_LONGEST_M = 1000.0
 # Steps that tell how a camera is turned, at least.
 _FEWEST_STEPS = 6
 # It is turned from so much on, and from so many standard deviations on. On parts of 0001, 0027, 0036 and 0039
@@ -41,7 +43,8 @@ class Mounting:
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite, or the rotation is none to 0.001.
+        If a shape is wrong, a number is not finite, the rotation is none to 0.001, or the lever arm is longer
+        than a kilometre.
     """
 
     camera_from_body: FloatArray
@@ -50,6 +53,10 @@ class Mounting:
     def __post_init__(self) -> None:
         rotation = finite_array("camera_from_body", self.camera_from_body, (3, 3))
         object.__setattr__(self, "lever_arm_m", finite_array("lever_arm_m", self.lever_arm_m, (3,)))
+        if np.abs(self.lever_arm_m).max() > _LONGEST_M:
+            found = self.lever_arm_m.tolist()
+            rule = f"must be at most {_LONGEST_M:g} m; is it in millimetres?"
+            raise InvalidArgument(f"lever_arm_m = {found}: {rule}")
         if not is_rotation(rotation, PRINTED_ROTATION_TOLERANCE):
             off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
             rule = f"must be orthonormal to {PRINTED_ROTATION_TOLERANCE:g} and right-handed"

@@ -164,9 +164,10 @@ def cameras_of(
     ]
     sizes = np.array([some[0].size for some in members], dtype=np.int64).reshape(-1, 2)
     focals = [_median_focal(some) if use_exif and focal_px is None else focal_px for some in members]
-    given_focal = focal_px if calibration is None else float(calibration[0])
+    given_focals = [focal_px] if calibration is None else [calibration[0], calibration[0] * calibration[1]]
     for width, height in sizes.tolist():
-        _require_usual(given_focal, max(width, height))
+        for given in given_focals:
+            _require_usual(given, max(width, height))
         if calibration is not None:
             _require_inside(calibration, width, height)
     if calibration is not None:
@@ -223,11 +224,14 @@ class CameraInput:
         Known intrinsics, which stay.
     exif : str
         ``"use"``: where files tell a focal length. ``"need"``: all must. ``"ignore"``: none is used.
+    source : Path or None
+        File of the calibration.
     """
 
     focal_px: float | None = None
     calibration: FloatArray | None = None
     exif: str = "use"
+    source: Path | None = None
 
     def cameras(self, photos: Sequence[Photo], *, sharing: str, model: str) -> Cameras:
         """Make the cameras of `photos`.
@@ -236,18 +240,26 @@ class CameraInput:
         ------
         InvalidArgument
             If photos do not tell a focal length that is needed, or the calibration is of another size.
+        DatasetError
+            If that of a file is.
         """
         if self.exif == "need" and (silent := [p.name for p in photos if p.focal_px is None]):
             listed = ", ".join(silent[:3])
             raise InvalidArgument(f"camera = 'exif': {len(silent)} images tell no focal length ({listed})")
-        return cameras_of(
-            photos,
-            sharing=sharing,
-            model=model,
-            focal_px=self.focal_px,
-            calibration=self.calibration,
-            use_exif=self.exif != "ignore",
-        )
+        try:
+            return cameras_of(
+                photos,
+                sharing=sharing,
+                model=model,
+                focal_px=self.focal_px,
+                calibration=self.calibration,
+                use_exif=self.exif != "ignore",
+            )
+        except InvalidArgument as error:
+            reason = str(error).removeprefix("camera: ")
+            if self.source is None or reason == str(error):
+                raise
+            raise DatasetError(self.source, reason) from None
 
 
 def parse_camera_argument(camera: CameraArgument) -> CameraInput:
@@ -281,7 +293,7 @@ def _input_of_text(text: str) -> CameraInput:
         if path.suffix:
             raise DatasetError(path, "there is no such file")
         raise InvalidArgument(f"camera = {text!r}: {_RULE}")
-    return CameraInput(calibration=_complete_intrinsics(read_intrinsics(path)))
+    return CameraInput(calibration=_complete_intrinsics(read_intrinsics(path)), source=path)
 
 
 def _input_of_focal(focal_px: float) -> CameraInput:

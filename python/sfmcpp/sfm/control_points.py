@@ -27,8 +27,9 @@ from sfmcpp.model.checks import require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
 from sfmcpp.sfm.georeference import image_names, is_on_a_line, require_movable
+from sfmcpp.sfm.mark_checks import mark_outside, warnings_about_marks
 from sfmcpp.sfm.positions import local_positions, match_names
-from sfmcpp.sources.io.control_points import SURVEY_SIGMA_M, ControlPoints
+from sfmcpp.sources.io.control_points import SURVEY_SIGMA_M, ControlPoints, Mark
 from sfmcpp.weighting import solve
 
 if TYPE_CHECKING:
@@ -185,6 +186,7 @@ class _Survey:
     points: IndexArray
     pixels: FloatArray
     left_out: list[str]
+    unseen: list[Mark]
 
     @classmethod
     def of(cls, problem: Problem, control: ControlPoints, sigma_m: float) -> _Survey:
@@ -195,9 +197,15 @@ class _Survey:
         _require_enough(control, kept)
         rows = np.array(control.positions, dtype=np.float64)[kept]
         local = local_positions(rows, control.geodetic)
+        if not local.known.all():
+            name = control.names[kept[int(np.argmin(local.known))]]
+            raise InvalidArgument(
+                f"control: point {name!r} is at 0, 0, far from the others: must be where it was surveyed"
+            )
         stated = control.sigmas_m or [(sigma_m,) * 3] * len(control.names)
         place = {point: k for k, point in enumerate(kept)}
         marks = [mark for mark in shown if mark.point in place]
+        _require_inside(problem, control, marks, cameras)
         return cls(
             names=[control.names[point] for point in kept],
             metres=local.metres,
@@ -208,6 +216,7 @@ class _Survey:
             points=np.array([place[mark.point] for mark in marks], dtype=np.int32),
             pixels=np.array([mark.pixel for mark in marks], dtype=np.float64),
             left_out=[name for point, name in enumerate(control.names) if point not in place],
+            unseen=[mark for mark in control.marks if mark.image not in cameras],
         )
 
 
@@ -221,6 +230,16 @@ def _cameras_of_marks(problem: Problem, control: ControlPoints) -> dict[str, int
             f"control: none of the marked images ({listed[0]}) is in the model ({listed[1]})"
         )
     return {alike[name]: camera for camera, name in enumerate(names) if name in alike}
+
+
+def _require_inside(
+    problem: Problem, control: ControlPoints, marks: list[Mark], cameras: dict[str, int]
+) -> None:
+    shown_by = np.array([cameras[mark.image] for mark in marks], dtype=np.int32)
+    fault = mark_outside(problem, shown_by, np.array([mark.pixel for mark in marks], dtype=np.float64))
+    if fault is not None:
+        mark = marks[fault[0]]
+        raise InvalidArgument(f"control: mark of {control.names[mark.point]!r} in {mark.image!r}: {fault[1]}")
 
 
 def _require_enough(control: ControlPoints, kept: list[int]) -> None:
@@ -283,6 +302,10 @@ def _outcome(
         left_out=survey.left_out,
         world_origin=survey.origin,
     )
+    found.warnings.extend(
+        warnings_about_marks(problem, len(survey.pixels), survey.names, image_names(problem))
+    )
+    found.warnings.extend(_about_unseen(survey.unseen))
     found.warnings.extend(_warnings(found, leverage))
     return found
 
@@ -292,6 +315,12 @@ def _largest_in_sigmas(whitened: FloatArray, leverage: FloatArray) -> FloatArray
     own = np.sqrt(np.maximum(1 - leverage, 1 - _UNCHECKED))
     ratios = np.where(leverage <= _UNCHECKED, np.abs(whitened) / own, np.nan)
     return np.where(np.isnan(ratios).all(axis=1), np.nan, np.nanmax(np.nan_to_num(ratios, nan=-1.0), axis=1))
+
+
+def _about_unseen(unseen: list[Mark]) -> Iterator[str]:
+    if unseen:
+        listed = ", ".join(list(dict.fromkeys(mark.image for mark in unseen))[:3])
+        yield f"marks in images that the model does not have are not used: {len(unseen)} ({listed})"
 
 
 def _warnings(found: ControlOutcome, leverage: FloatArray) -> Iterator[str]:

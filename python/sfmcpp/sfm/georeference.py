@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sfmcpp.ba import check
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import takes_options
 from sfmcpp.errors import InvalidArgument
@@ -185,11 +186,12 @@ def _sigmas(value: ArrayLike | None, problem: Problem) -> FloatArray | None:
 
 
 def require_movable(problem: Problem) -> None:
-    """Raise InvalidArgument where positions cannot move a problem: projective, or something is fixed."""
+    """Raise InvalidArgument where positions cannot move a problem: invalid, projective, or some is fixed."""
+    check(problem)
     if not problem.is_metric:
         raise InvalidArgument(f"problem: {problem.camera_model} cameras have no positions to compare")
     for what, fixed in (("cameras", problem.fixed_cameras), ("points", problem.fixed_points)):
-        if fixed.any():
+        if np.any(fixed):
             raise InvalidArgument(
                 f"problem: {np.count_nonzero(fixed)} {what} are fixed, which positions would have to move"
             )
@@ -197,7 +199,7 @@ def require_movable(problem: Problem) -> None:
 
 def _uses_stated_sigmas(problem: Problem, positions: Positions) -> bool:
     """Whether σ must be as stated, as the problem is too large for it to be found."""
-    columns = 6 * problem.num_cameras + np.count_nonzero(~problem.fixed_intrinsics)
+    columns = 6 * problem.num_cameras + np.count_nonzero(np.logical_not(problem.fixed_intrinsics))
     if columns > MAX_COLUMNS and positions.sigmas_m is None:
         raise InvalidArgument(
             f"gps: of {columns} free parameters of cameras, more than {MAX_COLUMNS}, no σ of positions can "

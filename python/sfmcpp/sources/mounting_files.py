@@ -101,14 +101,23 @@ def mounting_beside_camera(path: Path) -> Mounting | None:
     root = read_document(file)
     node = root.part(_POSE)
     if node is not None:
-        return _mounting_of_pose(_pose(node, _POSE))
+        body_from_camera = _pose(node, _POSE)
+        return _named(node, lambda: _mounting_of_pose(body_from_camera))
     chain = _kalibr_camera(root, name)
     node = None if chain is None else chain.part(_KALIBR_POSE)
     if node is None:
         return None
     camera_from_body = _pose(node, _KALIBR_POSE)
     rotation = camera_from_body[:, :3]
-    return Mounting(rotation, -rotation.T @ camera_from_body[:, 3])
+    return _named(node, lambda: Mounting(rotation, -rotation.T @ camera_from_body[:, 3]))
+
+
+def _named(node: Node, make: Callable[[], Mounting]) -> Mounting:
+    """A mounting, or the DatasetError of the place where what cannot be one is."""
+    try:
+        return make()
+    except InvalidArgument as error:
+        raise node.error(str(error)) from error
 
 
 def _is_document(path: Path) -> bool:
@@ -152,7 +161,9 @@ def _read_mounting(path: Path) -> Mounting:
     try:
         return _mounting_of_pose(pose)
     except InvalidArgument as error:
-        raise DatasetError(path, f"body_from_camera holds no rotation: {error}") from error
+        about_rotation = str(error).startswith("camera_from_body")
+        what = "holds no rotation" if about_rotation else "is no mounting"
+        raise DatasetError(path, f"body_from_camera {what}: {error}") from error
 
 
 def _mounting_of_pose(pose: FloatArray) -> Mounting:

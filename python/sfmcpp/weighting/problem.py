@@ -121,7 +121,8 @@ def frame_conflict(problem: Problem, group: Group) -> str | None:
     Returns
     -------
     str or None
-        A message, if they are farther apart than a hundred times the extent of either.
+        A message, if they are farther apart than a hundred times the extent of the positions and of all
+        cameras.
     """
     if isinstance(group, ResidualGroup):
         return None
@@ -133,14 +134,15 @@ def frame_conflict(problem: Problem, group: Group) -> str | None:
     centres = problem.centres[group.cameras]
     if values.shape != centres.shape:
         return None  # the core says where
-    distance = float(np.linalg.norm(values.mean(axis=0) - centres.mean(axis=0)))
-    extent = max(float(np.ptp(x, axis=0).max()) for x in (values, centres))
-    if not distance > _FARTHEST * extent:  # nor where a value is no number: the core says which
+    with np.errstate(over="ignore"):
+        distance = float(np.linalg.norm(values.mean(axis=0) - centres.mean(axis=0)))
+        extent = max(float(np.ptp(x, axis=0).max()) for x in (values, problem.centres))
+    if not extent or not distance > _FARTHEST * extent:  # nor where a value is no number: the core says which
         return None
     here = f"constraints[{group.name!r}]"
     measured = "values" if group.kind == "position" else "values[:, :, 3]"
     return (
-        f"{here}: its positions are {distance:.3g} from the cameras, {distance / max(extent, 1e-300):.3g} "
+        f"{here}: its positions are {distance:.3g} from the cameras, {distance / extent:.3g} "
         "times their extent: they must be in the frame of the cameras. Align first, by "
         "sfmcpp.sfm.georeference or by hand: "
         f"sfmcpp.geometry.fit_similarity(problem.centres[group.cameras], group.{measured}).move(problem)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import threading
@@ -137,6 +138,33 @@ def test_what_cannot_be_written_is_refused_before_the_solve(name: str) -> None:
         sfmcpp.solve(problem, callback=steps.append)
     assert not steps
     np.testing.assert_array_equal(problem.cameras, before)
+
+
+OTHER_SHAPES = {
+    "transposed": lambda a: np.ascontiguousarray(a.T),
+    "flat": lambda a: a.reshape(-1),
+    "one more": lambda a: a[..., None],
+}
+
+
+@pytest.mark.parametrize("change", OTHER_SHAPES)
+@pytest.mark.parametrize("name", ["cameras", "intrinsics", "points", "pixels", "fixed_intrinsics"])
+def test_an_array_of_the_right_size_and_another_shape_is_refused(name: str, change: str) -> None:
+    problem = scene()
+    setattr(problem, name, OTHER_SHAPES[change](getattr(problem, name)))
+    wrong = re.escape(f"{name}: shape {getattr(problem, name).shape}, must be")
+    for call in (sfmcpp.solve, sfmcpp.check, sfmcpp.linearize, sfmcpp.residuals):
+        with pytest.raises(InvalidArgument, match=wrong):
+            call(problem)
+
+
+def test_sensors_of_rigs_of_another_shape_are_refused() -> None:
+    problem = scene()
+    problem.rigs = sfmcpp.Rigs(np.eye(3, 4)[None], np.arange(6), np.zeros(6, int))
+    sfmcpp.check(problem)
+    problem.rigs.sensors = np.ascontiguousarray(problem.rigs.sensors.T)
+    with pytest.raises(InvalidArgument, match=r"rigs.sensors: shape \(4, 3, 1\), must be \(any, 3, 4\)"):
+        sfmcpp.solve(problem)
 
 
 AT_EXIT = """

@@ -52,6 +52,15 @@ def test_a_group_that_gives_way_is_named_beside_the_one_that_holds_it() -> None:
     assert "held by 'tight'" in warning
 
 
+def test_two_positions_of_one_camera_are_in_the_frame_of_all() -> None:
+    truth, start = scene()
+    group = ConstraintGroup("position", [0, 0], truth.centres[[0, 0]], sigma=0.1)
+    assert not [w for w in sfmcpp.solve(start, constraints=[group]).warnings if "frame of the cameras" in w]
+    far = ConstraintGroup("position", [0, 0], truth.centres[[0, 0]] + 1e4, sigma=0.1)
+    (warning,) = (w for w in sfmcpp.solve(start, constraints=[far]).warnings if "frame of the cameras" in w)
+    assert "1.73e+04 from the cameras" in warning
+
+
 def test_members_of_one_group_that_contradict_each_other() -> None:
     truth, start = scene()
     twice = ConstraintGroup(

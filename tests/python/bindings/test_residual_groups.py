@@ -171,6 +171,20 @@ def test_an_answer_that_cannot_be_used_is_named(answer: object, message: str) ->
         sfmcpp.solve(scene(), constraints=[group])
 
 
+@pytest.mark.parametrize("calls", range(1, 40, 2))
+def test_as_many_rows_as_before_must_be_returned(calls: int) -> None:
+    left = [3] * calls
+
+    def other(poses: Array) -> Array:
+        return poses[:, :, 3] if left and left.pop() else poses[:, :2, 3]
+
+    group = ResidualGroup(other, CAMERAS, name="own")
+    with pytest.raises(
+        sfmcpp.InvalidArgument, match=r"shape \(6, 2\), must be \(6, 3\)|of its answer changed"
+    ):
+        sfmcpp.solve(scene(), constraints=[group])
+
+
 def test_what_a_group_cannot_be_is_refused_by_name() -> None:
     problem = scene()
     own = copied_positions(problem.centres.copy(), with_jacobian=True)

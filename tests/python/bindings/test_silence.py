@@ -114,6 +114,14 @@ def test_a_point_without_an_image_is_named_where_the_cost_at_the_start_is_no_num
     np.testing.assert_array_equal(problem.points, before.points)
 
 
+def test_a_pixel_that_is_none_is_named_and_no_other_warning_is_printed() -> None:
+    problem = scene()
+    problem.pixels[3] = 1e300
+    summary = sfmcpp.solve(problem)
+    assert summary.termination == "numerical_failure"
+    assert any("observation 3 (1 such observations)" in told for told in summary.warnings)
+
+
 @pytest.mark.parametrize("damping", [1e9, 1e20, 1e300, 1.7e308])
 @pytest.mark.parametrize("method", ["lm", "lm-nielsen"])
 def test_much_damping_at_the_start_is_no_convergence(method: str, damping: float) -> None:

@@ -14,6 +14,7 @@ from sfmcpp.model import CameraFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.camera_models import PINHOLE_MODELS
 from sfmcpp.model.checks import looked_up
+from sfmcpp.model.selection import remade
 from sfmcpp.sources.io import (
     alicevision,
     bal,
@@ -30,7 +31,7 @@ from sfmcpp.sources.io import (
     strecha,
     transforms,
 )
-from sfmcpp.sources.io.checks import require_valid
+from sfmcpp.sources.io.checks import require_magnitudes, require_valid
 from sfmcpp.sources.io.colmap.database import is_database
 from sfmcpp.sources.io.colmap.fisheye import is_fisheye
 from sfmcpp.sources.io.files import failures_named
@@ -96,7 +97,9 @@ def read(path: AnyPath, *, format: str | None = None) -> Problem:
         chosen = _format_of_existing(source, format)
         if chosen.reader is None:
             raise DatasetError(source, f"format {chosen.name} can be written but not read")
-        return chosen.reader(source)
+        problem = chosen.reader(source)
+        require_magnitudes(problem, source)
+        return problem
 
 
 @checked()
@@ -123,9 +126,11 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
         If the problem does not fit the format, a value is not finite or out of range, or the file cannot
         be written.
     InvalidArgument
-        If `format` is not the name of a format.
+        If `format` is not the name of a format, or a field of the problem was replaced by an array of
+        another shape or dtype.
     """
     target = _checked_path(path)
+    problem = remade(problem)
     with failures_named(target):
         chosen = format_of(target) if format is None else named_format(format)
         if chosen.writer is None:

@@ -50,6 +50,12 @@ def _is_strictly_increasing(first: NDArray[Any], second: NDArray[Any]) -> bool:
     return True
 
 
+def require_magnitudes(problem: Problem, path: Path) -> None:
+    """Raise a DatasetError naming the first number that is not finite, or too large to be converted."""
+    for name in ("cameras", "intrinsics", "points", "pixels"):
+        _require_finite(name, getattr(problem, name), path)
+
+
 def require_valid(problem: Problem, path: Path) -> None:
     """Raise a DatasetError naming the first thing in `problem` that no file can hold.
 
@@ -58,8 +64,7 @@ def require_valid(problem: Problem, path: Path) -> None:
     a covariance that is none, or beside standard deviations; a point observed twice by one camera; metadata
     of another kind than their name says.
     """
-    for name in ("cameras", "intrinsics", "points", "pixels"):
-        _require_finite(name, getattr(problem, name), path)
+    require_magnitudes(problem, path)
     _require_in_range("camera_index", problem.camera_index, problem.num_cameras, path)
     _require_in_range("point_index", problem.point_index, problem.num_points, path)
     _require_in_range("intrinsics_index", problem.intrinsics_index, len(problem.intrinsics), path)

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.image_tracks import LARGEST_INDEX, ImageTracks, image_tracks
+from sfmcpp.model.image_tracks import LARGEST_INDEX, ImageTracks, first_beyond_images, image_tracks
 from sfmcpp.sources.io import api, npz, track_files
+from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_text_bytes
 from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
-from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.number_text import NumberText, TokenSet
 
 # Formats whose pixels are counted from the centre of the image.
 _CENTRED = ("bal", "bundler")
@@ -136,6 +137,9 @@ def _numbered_tracks(
     centred: bool = False,
 ) -> ImageTracks:
     """The tracks, numbered without gaps."""
+    for name in names or ():
+        if (fault := fault_of_image_name(name)) is not None:
+            raise DatasetError(path, f"image name {name!r}: {fault}")
     try:
         found = image_tracks(image_index, track_index, pixels, names=names, sizes=sizes, centred=centred)
     except InvalidArgument as error:
@@ -159,6 +163,7 @@ def read_vgg(path: Path) -> ImageTracks:
     if count % 2:
         raise DatasetError(path, f"the line holds {count} numbers: must be pairs", int(text.lines.number[0]))
     text.require_line_counts(text.lines.count == count, f"{count} as in the first line")
+    _require_of_images(text, slice(None))
     positions = text.values.reshape(-1, count // 2, 2)
     track, image = np.nonzero((positions != NOT_SEEN).any(axis=2))
     names = [f"image_{number:06d}" for number in range(count // 2)]
@@ -191,7 +196,9 @@ def read_track_table(path: Path) -> ImageTracks:
     _require_once(text, images, tracks)
     numbers, image = np.unique(images, return_inverse=True)
     track = np.unique(tracks, return_inverse=True)[1]
-    pixels = text.values.reshape(-1, 4)[:, 2:]
+    coordinates = np.flatnonzero(np.tile([False, False, True, True], len(images)))
+    _require_of_images(text, coordinates)
+    pixels = text.values[coordinates].reshape(-1, 2)
     return image_tracks(image, track, pixels, names=[f"image_{number:06d}" for number in numbers])
 
 
@@ -222,6 +229,12 @@ def _without_separators(data: bytes) -> bytes:
         length = len(_first_line(data))
         data = b" " * length + data[length:]
     return data.replace(b",", b" ")
+
+
+def _require_of_images(text: NumberText, tokens: TokenSet) -> None:
+    fault = first_beyond_images(text.values[tokens])
+    if fault is not None:
+        raise text.error(fault[1], text.token_at(tokens, fault[0]))
 
 
 def _require_once(text: NumberText, images: NDArray[np.int64], tracks: NDArray[np.int64]) -> None:

@@ -112,6 +112,7 @@ def read_kitti_mat(path: Path) -> KittiDrive:
         If the file cannot be read, or a variable is missing or has a wrong shape or an impossible value.
     """
     variables = _variables(path)
+    _require_positive(path, variables, "fu", "fv")
     stamps = variables["t"][0]
     frame, track = np.nonzero((variables["y_k_j"] != NOT_SEEN).all(axis=0))
     pixels = variables["y_k_j"][:, frame, track].T
@@ -165,6 +166,12 @@ def _variable(path: Path, name: str, value: NDArray[Any], lengths: dict[str, int
 
 def _shape_text(shape: tuple[int | str, ...]) -> str:
     return f"({', '.join(map(str, shape))})"
+
+
+def _require_positive(path: Path, variables: dict[str, FloatArray], *names: str) -> None:
+    for name in names:
+        if not variables[name][0, 0] > 0:
+            raise DatasetError(path, f"{name} is {variables[name][0, 0]:g}: must be positive")
 
 
 def _numbers(variables: dict[str, FloatArray], *names: str) -> FloatArray:

@@ -144,7 +144,8 @@ def _from_tum(text: NumberText, table: FloatArray) -> Trajectory:
 def _from_quaternions(
     text: NumberText, t_s: FloatArray, centres: FloatArray, quaternions: FloatArray
 ) -> Trajectory:
-    length = np.linalg.norm(quaternions, axis=1)
+    with np.errstate(over="ignore"):  # to infinity, which is no length of one either
+        length = np.linalg.norm(quaternions, axis=1)
     rule = f"the quaternion has length {{}}: must be 1 to within {PRINTED_ROTATION_TOLERANCE}"
     _require_rows(text, np.abs(length - 1) <= PRINTED_ROTATION_TOLERANCE, rule, length)
     later = np.concatenate([[True], np.diff(t_s) > 0])

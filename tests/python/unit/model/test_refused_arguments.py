@@ -69,7 +69,7 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: sfmcpp.circle_scene(cube_m=10**400), "cube_m = 10+: must be a number"),
         (lambda: solved(camera_model=None), "camera_model = None: must be one of"),
         (lambda: solved(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
-        (lambda: solved(points=None), "points: must be a C-contiguous array"),
+        (lambda: solved(points=None), "points: dtype object cannot be used as float64"),
         (lambda: sfmcpp.solve(scene(), constraints=1), "constraints = 1: must be a sequence"),  # type: ignore[arg-type]
         (lambda: sfmcpp.solve(scene(), callback=3), "callback = 3: must be callable"),  # type: ignore[arg-type]
         (lambda: sfmcpp.check_jacobians(scene(), math.nan), "max_observations = nan: must be a whole number"),  # type: ignore[arg-type]

@@ -212,6 +212,35 @@ def test_what_does_not_fit_is_refused_by_name(call: Callable[[], object], told: 
         call()
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_fields_of_another_shape_are_refused_by_name(way: str) -> None:
+    problem = scene()
+    problem.pixels = problem.pixels[:-1]
+    with pytest.raises(InvalidArgument, match=r"pixels: shape \(119, 2\), must be \(120, 2\)"):
+        WAYS[way](problem)
+
+
+@pytest.mark.parametrize("number", [-1, 30])
+def test_an_observation_of_no_point_is_no_observation_of_the_last(number: int) -> None:
+    problem = scene()
+    problem.point_index[5] = number
+    with pytest.raises(InvalidArgument, match="point_index: must be from 0 to 29"):
+        problem.with_points(np.arange(29, 30))
+
+
+def test_an_observation_of_no_camera_is_no_observation_of_the_last() -> None:
+    problem = scene()
+    problem.camera_index[5] = -1
+    with pytest.raises(InvalidArgument, match="camera_index: must be from 0 to 3"):
+        problem.with_cameras([3])
+
+
+def test_no_camera_may_be_left() -> None:
+    problem = sfmcpp.circle_scene(4, 30, camera_model="perspective", seed=0)
+    assert problem.with_cameras([]).num_cameras == 0
+    assert scene().with_cameras([]).num_cameras == 0
+
+
 def test_cameras_are_chosen_by_the_names_of_their_images() -> None:
     problem = scene()
     problem.metadata.image_names = [f"{k}.jpg" for k in range(problem.num_cameras)]

@@ -83,6 +83,8 @@ def test_a_world_point_is_in_the_true_camera_where_the_layout_says(tmp_path: Pat
         ({"v_vk_vk_i": np.zeros((3, 6))}, "w_vk_vk_i has shape"),
         ({"C_c_v": np.ones((3, 3))}, "C_c_v is no rotation"),
         ({"fu": np.array(["wide"])}, "fu is text"),
+        ({"fu": np.array([[-700.0]])}, "fu is -700: must be positive"),
+        ({"fv": np.array([[0.0]])}, "fv is 0: must be positive"),
     ],
 )
 def test_a_drive_that_cannot_be_is_named(tmp_path: Path, changes: dict[str, np.ndarray], told: str) -> None:

@@ -49,8 +49,11 @@ def test_a_calibration_stays_as_it_is(tmp_path: Path) -> None:
     cameras = parse_camera_argument(file).cameras([Photo("1", size=LARGE)], sharing="auto", model="auto")
     assert cameras.fixed.all()
     assert cameras.intrinsics[0, :4] == pytest.approx([2700, 2710 / 2700, 1510, 990])
-    with pytest.raises(InvalidArgument, match="is the calibration of images of another size"):
+    with pytest.raises(DatasetError, match=r"K.txt: cx = 1510 .* calibration of images of another size"):
         parse_camera_argument(file).cameras([Photo("1", size=SMALL)], sharing="auto", model="auto")
+    file.write_text("2700 0 1510\n0 1e300 990\n0 0 1\n")
+    with pytest.raises(DatasetError, match=r"K.txt: focal length 1e\+300 px: must be from .* px for images"):
+        parse_camera_argument(file).cameras([Photo("1", size=LARGE)], sharing="auto", model="auto")
     with pytest.raises(DatasetError, match="there is no such file"):
         parse_camera_argument(str(tmp_path / "L.txt"))
 

@@ -278,6 +278,10 @@ def test_what_a_problem_lacks_is_refused() -> None:
         georeference(truth, np.full((40, 3), np.nan))
     with pytest.raises(InvalidArgument, match=r"sigmas_m\[0\] = .*: must be positive"):
         georeference(truth, truth.centres, sigmas_m=np.zeros((40, 3)))
+    torn = truth.copy()
+    torn.cameras = torn.cameras[:, :, None]
+    with pytest.raises(InvalidArgument, match=r"cameras: shape \(40, 3, 1, 4\), must be \(any, 3, 4\)"):
+        georeference(torn, truth.centres)
     truth.fixed_cameras[0] = True
     with pytest.raises(InvalidArgument, match="1 cameras are fixed"):
         georeference(truth, truth.centres)

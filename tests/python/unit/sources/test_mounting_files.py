@@ -44,6 +44,10 @@ def test_a_file_holds_the_pose_of_the_camera_in_the_body(tmp_path: Path, text: s
         (ROWS + "0 0 1 1\n", "its last row is"),
         (ROWS.replace("-1", "-2"), "body_from_camera holds no rotation"),
         ("a b\n", "not a number|number"),
+        (
+            ROWS.replace("0.1", "1500"),
+            "body_from_camera is no mounting: .* at most 1000 m; is it in millimetres",
+        ),
     ],
 )
 def test_what_is_no_pose_is_refused_with_the_file_named(tmp_path: Path, text: str, told: str) -> None:

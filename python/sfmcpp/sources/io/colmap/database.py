@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import Photo
-from sfmcpp.sources.io.checks import LARGEST_COUNT
+from sfmcpp.sources.io.checks import LARGEST_COUNT, fault_of_image_name
 from sfmcpp.sources.io.colmap.camera_models import (
     MODELS,
     NAME_OF_NUMBER,
@@ -135,6 +135,7 @@ class _Reader:
         used: list[DatabaseCamera] = []
         number_of: dict[int, int] = {}
         for image, name, camera in self._rows("SELECT image_id, name, camera_id FROM images ORDER BY name"):
+            self._require_name(name)
             if camera not in cameras:
                 raise self._error(f"images: {name!r}: camera {camera} is not in the list of cameras")
             self._require_id(f"images: {name!r}: id", image)
@@ -144,7 +145,7 @@ class _Reader:
             focal = float(found.intrinsics[0]) if known else None
             number_of[image] = len(photos)
             position, sigmas = positions.get(image, (None, None))
-            photo = Photo(str(name), None, size, focal, str(camera), position, position_sigmas_m=sigmas)
+            photo = Photo(name, None, size, focal, str(camera), position, position_sigmas_m=sigmas)
             photos.append(photo)
             used.append(found)
         if not photos:
@@ -219,7 +220,7 @@ class _Reader:
             what = f"keypoints: image {image}"
             if image not in number_of:
                 raise self._error(f"{what} is not in the list of images")
-            if columns not in (2, _SCALED, _AFFINE):
+            if not isinstance(columns, int) or columns not in (2, _SCALED, _AFFINE):
                 raise self._error(f"{what} has {columns!r} columns: must be 2, {_SCALED} or {_AFFINE}")
             table = self._array(what, blob, rows, columns, np.float32).astype(np.float64)
             if not (good := _are_plausible(table).all(axis=1)).all():
@@ -238,6 +239,8 @@ class _Reader:
             what = f"matches: pair {pair!r} of images {images}"
             if not all(image in number_of for image in images):
                 raise self._error(f"{what}: they are not in the list of images")
+            if images[0] == images[1]:
+                raise self._error(f"{what}: an image is matched with itself")
             first, second = (number_of[image] for image in images)
             found = self._array(what, blob, rows, 2, np.uint32)
             if (found >= [counts[first], counts[second]]).any():
@@ -249,6 +252,12 @@ class _Reader:
         if "two_view_geometries" in self._tables:
             which = f"two_view_geometries WHERE rows > 0 AND config != {_WATERMARK}"
             yield from self._rows(f"SELECT pair_id, rows, data FROM {which}")
+
+    def _require_name(self, name: object) -> None:
+        """Raise a DatasetError for a name that no model could hold."""
+        fault = "must be text" if not isinstance(name, str) else fault_of_image_name(name)
+        if fault is not None:
+            raise self._error(f"images: name {name!r}: {fault}")
 
     def _require_id(self, what: str, number: object) -> None:
         if not isinstance(number, int) or not 0 <= number <= LARGEST_ID:

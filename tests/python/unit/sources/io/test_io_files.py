@@ -161,6 +161,27 @@ def test_impossible_sources_are_refused(tmp_path: Path, name: str, reason: str) 
         read(tmp_path / name)
 
 
+def test_numbers_that_could_not_be_written_again_are_refused(tmp_path: Path, problem: Problem) -> None:
+    write(problem, tmp_path / "model", format="colmap-text")
+    points = tmp_path / "model" / "points3D.txt"
+    lines = points.read_text().splitlines()
+    words = lines[-1].split()
+    points.write_text("\n".join([*lines[:-1], " ".join([words[0], "1e200", *words[2:]])]) + "\n")
+    with pytest.raises(DatasetError, match=r"model: points\[.*, 0\] is 1e\+200: must be finite, at most"):
+        read(tmp_path / "model")
+
+
+@pytest.mark.parametrize("name", ["points", "pixels", "fixed_cameras", "camera_index"])
+@pytest.mark.parametrize("target", ["x.npz", "x", "x.txt"])
+def test_a_problem_whose_fields_do_not_fit_is_not_written(
+    tmp_path: Path, problem: Problem, name: str, target: str
+) -> None:
+    setattr(problem, name, getattr(problem, name)[:-1].T[None])
+    with pytest.raises(InvalidArgument, match=f"{name}: shape"):
+        write(problem, tmp_path / target)
+    assert not list(tmp_path.iterdir())
+
+
 def test_failures_of_the_system_name_the_file(
     tmp_path: Path, problem: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -137,6 +137,8 @@ def with_the_first_observation_twice(arrays: dict[str, Any]) -> None:
         (with_array("points", np.zeros((4, 2))), r"points: shape \(4, 2\)"),
         (with_array("points", np.zeros((4, 3), complex)), "points: dtype complex128"),
         (with_array("point_colors", np.zeros((1, 3))), "point_colors is float64"),
+        (with_value("image_sizes", -1), "metadata image_sizes has -1: must be from 0 to 2147483647 px"),
+        (with_value("image_sizes", 2**40), "metadata image_sizes has 1099511627776: must be from 0"),
         (with_value("points", np.nan), r"points\[0, 0\] is nan: must be finite"),
         (with_value("pixels", np.inf), "must be finite"),
         (with_value("camera_index", 99), r"camera_index\[0\] is 99"),

@@ -147,6 +147,7 @@ def test_a_file_of_comments_alone_is_refused(tmp_path: Path) -> None:
 def test_problems_without_points_are_refused(tmp_path: Path) -> None:
     problem = read(sba_files(tmp_path, {}, {}, {}))
     problem.points, problem.camera_index = problem.points[:0], problem.camera_index[:0]
+    problem.fixed_points = problem.fixed_points[:0]
     problem.point_index, problem.pixels = problem.point_index[:0], problem.pixels[:0]
     with pytest.raises(DatasetError, match="without points"):
         write(problem, tmp_path / "newcams.txt")

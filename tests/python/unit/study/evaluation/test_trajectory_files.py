@@ -69,6 +69,7 @@ GOOD = "1 0 0 0 0 0 0 1"
         ("t.txt", [GOOD, "2 0 0 zero 0 0 0 1"], 2, "'zero' is not a finite number"),
         ("t.txt", [GOOD, "2 0 0 nan 0 0 0 1"], 2, "nan"),
         ("t.txt", [GOOD, "2 0 0 0 0 0 0 2"], 2, "quaternion has length 2: must be 1"),
+        ("t.txt", [GOOD, "2 0 0 0 0 0 1e300 2"], 2, "quaternion has length inf: must be 1"),
         ("t.txt", ["# t", GOOD, "2 0 0 0 0 0 0 1", "2 0 0 0 0 0 0 1"], 4, "time 2 s: must be later"),
         ("t.txt", [GOOD, "0.5 0 0 0 0 0 0 1"], 2, r"time 0\.5 s: must be later"),
         ("t.txt", ["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 0 0 1 0 0 0 0 -1 0"], 2, "no rotation"),
