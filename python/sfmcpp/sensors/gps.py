@@ -194,7 +194,7 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
 
 
 def require_metres(rows: FloatArray) -> None:
-    """Raise InvalidArgument if x, y of positions (n, 3) look like latitudes and longitudes, or millimetres."""
+    """Raise InvalidArgument if positions (n, 3) look like latitudes and longitudes, or like millimetres."""
     usual = np.median(rows, axis=0) if len(rows) else np.zeros(3)  # one that is lost may be anywhere
     if not (np.abs(usual) <= _FARTHEST_M).all():
         found = ", ".join(f"{value:g}" for value in usual)
