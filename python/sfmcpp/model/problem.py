@@ -186,8 +186,10 @@ class Problem:
         """
         known = self.intrinsic_names
         for name in names:
+            if not isinstance(name, str):
+                raise InvalidArgument(f"names = {name!r}: must be names one by one, or none to fix all")
             if name not in known:
-                other = OTHER_NAMES.get(str(name))
+                other = OTHER_NAMES.get(name)
                 hint = f"; {name} of other programs is {other}" if other in known else ""
                 raise InvalidArgument(
                     f"intrinsic {name!r}: camera model {self._model.name!r} has {', '.join(known)}{hint}"

@@ -117,3 +117,11 @@ def test_a_matrix_of_intrinsics_is_told_what_a_row_holds() -> None:
 def test_a_group_in_place_of_a_list_is_named_in_short() -> None:
     with pytest.raises(InvalidArgument, match=r"^constraints = .{1,60}: .*\[group\]$"):
         sfmcpp.solve(scene(), constraints=group())  # type: ignore[arg-type]
+
+
+def test_a_list_in_place_of_names_of_intrinsics_is_told() -> None:
+    problem = sfmcpp.circle_scene(4, 20, camera_model="bal")
+    for names in ([], ["f", "k1"]):
+        with pytest.raises(InvalidArgument, match="must be names one by one, or none to fix all"):
+            problem.set_free_intrinsics(names)  # type: ignore[arg-type]
+    assert problem.set_free_intrinsics().fixed_intrinsics.all()
