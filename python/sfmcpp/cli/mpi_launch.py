@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.console import ExitCode, print_note
 from sfmcpp.cli.interrupts import single_interrupt
 from sfmcpp.errors import InvalidArgument, SfmcppError
+
+if TYPE_CHECKING:
+    from sfmcpp.ba.ranks import Ranks
 
 # Where launchers say how many they have started: MPICH and Intel MPI, Open MPI.
 _SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
@@ -57,6 +60,8 @@ def launched_ranks(*, asked: bool) -> Ranks | None:
         raise InvalidArgument(
             f"started by MPI, {error}: pip install 'sfmcpp[mpi]' installs mpi4py and an MPI"
         ) from None
+    from sfmcpp.ba.ranks import Ranks
+
     ranks = Ranks(MPI.COMM_WORLD)
     if ranks.size < launched:
         library = MPI.Get_library_version().split("\n")[0].strip()
