@@ -12,7 +12,7 @@ from sfmcpp.model.photos import Photo
 from sfmcpp.sfm import georeference
 from sfmcpp.sfm.georeference import georeference_to
 from sfmcpp.sfm.positions import Positions, choose_positions, local_positions, unused_positions
-from sfmcpp.sources.io.position_csv import NamedPositions
+from sfmcpp.sources.io.named_positions import NamedPositions
 
 SIGMA_M = 0.3
 
