@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
@@ -19,7 +19,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, local_positions
-from sfmcpp.sensors.gps import require_metres
+from sfmcpp.sensors.gps import doubt_of_radians, require_metres
 from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
@@ -181,6 +181,7 @@ def run(
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
     if drive.frames.doubt is not None:
         result.warnings.append(drive.frames.doubt)
+    result.warnings.extend(doubts_of_units(used))
     frames = len(result.path.times)
     ran = (drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
     return SlamRun(*ran, _origin_of(used) if result.metric else None)
@@ -191,6 +192,13 @@ def _origin_of(sensors: Sequence[MotionSensor]) -> WorldOrigin | None:
     if any(isinstance(sensor, Ins) for sensor in sensors):
         return None
     return next((sensor.origin for sensor in sensors if isinstance(sensor, Gps)), None)
+
+
+def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:
+    """Warn of sensors whose numbers seem to be in another unit."""
+    for sensor in sensors:
+        if isinstance(sensor, Gps) and sensor.origin is not None and sensor.origin.geodetic:
+            yield from doubt_of_radians(sensor.origin.place, sensor.stream.values)
 
 
 def _require_known(opening: Mapping[str, Any]) -> None:
