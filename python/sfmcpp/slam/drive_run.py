@@ -26,11 +26,14 @@ from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
+from sfmcpp.sources.frames import FrameSource
 
 # Its square is finite, and that of its inverse is not zero.
 _LARGEST_SIGMA = 1e100
 # Sensors that measure where the camera is in a world of their own.
 _ABSOLUTE = {"gps", "ins"}
+# Images that a warning names at most.
+_NAMED = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,6 +185,7 @@ def run(
     if drive.frames.doubt is not None:
         result.warnings.append(drive.frames.doubt)
     result.warnings.extend(doubts_of_units(used))
+    result.warnings.extend(_losses(drive.frames))
     frames = len(result.path.times)
     ran = (drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
     return SlamRun(*ran, _origin_of(used) if result.metric else None)
@@ -199,6 +203,15 @@ def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:
     for sensor in sensors:
         if isinstance(sensor, Gps) and sensor.origin is not None and sensor.origin.geodetic:
             yield from doubt_of_radians(sensor.origin.place, sensor.stream.values)
+
+
+def _losses(frames: FrameSource) -> Iterator[str]:
+    """Name images that could not be read."""
+    if lost := frames.unreadable:
+        named = [f"{name}: {reason}" for name, reason in list(lost.items())[:_NAMED]]
+        more = ", …" if len(lost) > _NAMED else ""
+        count = "1 image is" if len(lost) == 1 else f"{len(lost)} images are"
+        yield f"{count} left out, as if lost by the camera: {', '.join(named)}{more}"
 
 
 def _require_known(opening: Mapping[str, Any]) -> None:
