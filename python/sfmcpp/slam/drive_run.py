@@ -81,6 +81,17 @@ class SlamRun:
         return self.frames / self.seconds if self.seconds > 0 else math.inf
 
     @property
+    def driven_s(self) -> float | None:
+        """Time from the first frame looked at to the last [s]; None where their rate is assumed."""
+        times = self.result.path.times.values()
+        return None if self.drive.frames.assumed_fps is not None or not times else max(times) - min(times)
+
+    @property
+    def real_time_factor(self) -> float | None:
+        """That time over what the run took: above 1, it keeps up with the camera; None without that time."""
+        return None if self.driven_s is None or self.seconds <= 0 else self.driven_s / self.seconds
+
+    @property
     def georeferenced(self) -> bool:
         """Whether the map is in the world of a sensor of positions or poses."""
         return self.result.metric and not _ABSOLUTE.isdisjoint(self.sensors)
