@@ -1,5 +1,7 @@
 """Usage: run_pages.py OUTPUT [PAGE...]: run the code of the pages, and make the website of them with Sphinx.
 
+A page is named by its place in the repository or below its ``docs``.
+
 Every Python and shell block of a page runs, in order, as one session in a folder of the page's own name
 beside it. What a block prints stands below it on the site, and pictures are those that the blocks have
 written. A word after the language marks a block: ``real`` reads the real data of $SFMCPP_DATA, and
@@ -132,6 +134,22 @@ def pages() -> list[Path]:
     return sorted(p.relative_to(REPOSITORY) for p in DOCS.rglob("*.md"))
 
 
+def chosen_page(argument: str) -> Path:
+    """The page that is named by its place in the repository, or below ``docs``.
+
+    Raises
+    ------
+    SystemExit
+        If there is none.
+    """
+    known = pages()
+    for place in (Path(argument), Path("docs", argument), Path(os.path.relpath(argument, REPOSITORY))):
+        if place in known:
+            return place
+    names = ", ".join(str(page.relative_to("docs")) for page in known)
+    sys.exit(f"run_pages.py: {argument}: is no page: must be one of {names}")
+
+
 def make_tree(output: Path) -> Path:
     """A copy of the documentation in which pages can run, beside links to all else that pages name."""
     tree = output / "tree"
@@ -184,4 +202,4 @@ def main(output: Path, chosen: list[Path]) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]).resolve(), [Path(argument) for argument in sys.argv[2:]])
+    main(Path(sys.argv[1]).resolve(), [chosen_page(argument) for argument in sys.argv[2:]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -106,10 +107,18 @@ def inputs_of(experiment: Experiment) -> Iterator[Input]:
 
 
 def on_all_inputs(experiment: Experiment, measure: Callable[[Input], Found]) -> list[tuple[Input, Found]]:
-    """Measure every input, `PROCESSES` at a time; the inputs and what was found, in order."""
-    inputs = list(inputs_of(experiment))
+    """Measure every input, `PROCESSES` at a time; the inputs and what was found, in order.
+
+    Standard error hears of each, as it takes minutes.
+    """
+    inputs, done = list(inputs_of(experiment)), []
+    print(f"{experiment.name}: 0 of {len(inputs)} drives done", file=sys.stderr, flush=True)
     with ProcessPoolExecutor(PROCESSES) as pool:
-        return list(zip(inputs, pool.map(measure, inputs), strict=True))
+        for item, found in zip(inputs, pool.map(measure, inputs), strict=True):
+            done.append((item, found))
+            told = f"{experiment.name}: {len(done)} of {len(inputs)} drives done, {item.name}"
+            print(told, file=sys.stderr, flush=True)
+    return done
 
 
 def drive_files(experiment: Experiment) -> list[Path]:

@@ -1,99 +1,38 @@
 """Bundle adjustment, structure from motion and multi-sensor SLAM: a Python package with a C++ core."""
 
-from sfmcpp._core import __version__
-from sfmcpp.ba import (
-    Covariance,
-    Iteration,
-    LinearModel,
-    SolveOptions,
-    Summary,
-    as_projective,
-    check,
-    check_jacobians,
-    cost,
-    linearize,
-    projection_matrices,
-    projective_problem,
-    residuals,
-)
-from sfmcpp.doctor import Diagnosis, Finding, diagnose
-from sfmcpp.errors import DatasetError, InvalidArgument, SfmcppError
-from sfmcpp.model import (
-    CAMERA_MODELS,
-    CONSTRAINT_KINDS,
-    CameraFunction,
-    CameraModel,
-    ConstraintGroup,
-    LossFunction,
-    Metadata,
-    Problem,
-    ResidualGroup,
-    Rigs,
-)
-from sfmcpp.sources.io import CheckpointFolder, convert, formats, from_pycolmap, read, to_pycolmap, write
-from sfmcpp.sources.synthetic import (
-    SCENES,
-    add_outliers,
-    circle_scene,
-    city_blocks_scene,
-    corridor_scene,
-    drive_with_loops_scene,
-    perturb,
-    photo_collection_scene,
-    rig_walk_scene,
-    sphere_scene,
-    street_loop_scene,
-)
-from sfmcpp.weighting import solve
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-__all__ = [
-    "CAMERA_MODELS",
-    "CONSTRAINT_KINDS",
-    "SCENES",
-    "CameraFunction",
-    "CameraModel",
-    "CheckpointFolder",
-    "ConstraintGroup",
-    "Covariance",
-    "DatasetError",
-    "Diagnosis",
-    "Finding",
-    "InvalidArgument",
-    "Iteration",
-    "LinearModel",
-    "LossFunction",
-    "Metadata",
-    "Problem",
-    "ResidualGroup",
-    "Rigs",
-    "SfmcppError",
-    "SolveOptions",
-    "Summary",
-    "__version__",
-    "add_outliers",
-    "as_projective",
-    "check",
-    "check_jacobians",
-    "circle_scene",
-    "city_blocks_scene",
-    "convert",
-    "corridor_scene",
-    "cost",
-    "diagnose",
-    "drive_with_loops_scene",
-    "formats",
-    "from_pycolmap",
-    "linearize",
-    "perturb",
-    "photo_collection_scene",
-    "projection_matrices",
-    "projective_problem",
-    "read",
-    "residuals",
-    "rig_walk_scene",
-    "solve",
-    "sphere_scene",
-    "street_loop_scene",
-    "to_pycolmap",
-    "write",
-]
+if TYPE_CHECKING:
+    from sfmcpp import ba as ba
+    from sfmcpp import doctor as doctor
+    from sfmcpp import errors as errors
+    from sfmcpp import geometry as geometry
+    from sfmcpp import map as map
+    from sfmcpp import model as model
+    from sfmcpp import sensors as sensors
+    from sfmcpp import sfm as sfm
+    from sfmcpp import slam as slam
+    from sfmcpp import sources as sources
+    from sfmcpp import study as study
+    from sfmcpp import weighting as weighting
+    from sfmcpp._public import *  # noqa: F403
+    from sfmcpp._public import __all__ as __all__
+else:
+    # Loaded when first used, so that a command heeds Ctrl-C before, not after, half a second of imports.
+    _PARTS = ("_core", "ba", "doctor", "errors", "geometry", "map", "model")
+    _PARTS += ("sensors", "sfm", "slam", "sources", "study", "weighting")
+
+    def __getattr__(name: str) -> Any:
+        if name in _PARTS:
+            return import_module(f"{__name__}.{name}")
+        if not name.startswith("_") or name in ("__all__", "__version__"):
+            public = import_module(f"{__name__}._public")
+            globals().update({each: getattr(public, each) for each in ("__all__", *public.__all__)})
+        if name in globals():
+            return globals()[name]
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
+
+    def __dir__() -> list[str]:
+        public = {name for name in _PARTS if not name.startswith("_")}
+        return sorted({*globals(), *public, *__getattr__("__all__")})

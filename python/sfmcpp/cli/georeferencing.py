@@ -12,7 +12,8 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import geodetic_of
-from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
+from sfmcpp.sources.io.named_positions import NamedPositions
+from sfmcpp.sources.io.position_csv import read_position_csv
 from sfmcpp.sources.io.position_files import GivenPositions, require_positions_format, write_positions
 
 if TYPE_CHECKING:
@@ -76,10 +77,8 @@ class Gps:
         from sfmcpp.sfm.georeference import georeference_to, image_names
         from sfmcpp.sfm.positions import positions_of
 
-        numbers = [str(camera) for camera in range(problem.num_cameras)]
-        names = numbers if given.by_number else image_names(problem)
         try:
-            return georeference_to(problem, positions_of(names, given), **options)
+            return georeference_to(problem, positions_of(image_names(problem), given), **options)
         except InvalidArgument as error:
             raise DatasetError(self.source, str(error).removeprefix("gps: ")) from error
 

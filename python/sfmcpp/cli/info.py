@@ -67,6 +67,8 @@ def facts_of(source: Path) -> list[Fact]:
     if source.suffix.lower() == ".mat":
         return list(_drive(source))
     suffixes = {suffix.lower() for suffix in source.suffixes}
+    if suffixes & {".mrk", ".pos"}:
+        return list(_positions(source))
     if ".csv" in suffixes:
         return _first_that_fits(source, (_sensors, _tracks, _control_points, _positions, _trajectory))
     if ".txt" in suffixes:
@@ -292,6 +294,8 @@ def _positions(source: Path) -> Iterator[Fact]:
     sigmas = "without" if found.sigmas is None else "with"
     axes = _axes(geodetic=found.geodetic)
     yield "positions", f"{len(found.positions):,}: {axes}, {sigmas} standard deviations"
+    if found.named_by != "name":
+        yield "images by", found.named_by
     if found.unread:
         yield "not read", f"columns that seem to be standard deviations: {', '.join(found.unread)}"
 

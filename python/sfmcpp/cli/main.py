@@ -1,16 +1,9 @@
-"""Entry point: arguments in, exit code out."""
+"""Entry point: arguments in, exit code out. It imports nothing that takes time, to heed Ctrl-C at once."""
 
 from __future__ import annotations
 
-import io
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import nullcontext, redirect_stdout
-
-from sfmcpp.cli.console import ExitCode, print_error, print_interrupted
-from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
-from sfmcpp.cli.mpi_launch import is_said_by_another
-from sfmcpp.cli.reading_apart import is_read_apart, solve_as_read_apart
+from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,81 +19,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     int
         0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted by Ctrl-C, SIGTERM or SIGHUP.
     """
-    _replace_what_cannot_be_encoded()
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    # An empty path would mean the current folder to all that follows: an unset variable of a script.
-    empty = next((a for a in given if a == "" or (a.startswith("--") and a.endswith("="))), None)
-    if empty is not None:
-        return _refuse_usage(given, f"argument {empty!r}: its value is empty")
-    with redirect_stdout(io.StringIO()) if is_said_by_another(given) else nullcontext():
-        if is_read_apart(given):
-            return _guarded(lambda: solve_as_read_apart(lambda: _guarded(lambda: _dispatch(given))))
-        return _guarded(lambda: _dispatch(given))
-
-
-def _guarded(task: Callable[[], int]) -> int:
     try:
-        with termination_as_ctrl_c(), repeated_lost_interrupts():
-            return task()
-    except ModuleNotFoundError as error:
-        return print_error(_how_to_install(error))
-    except ImportError as error:  # no memory for it, say
-        return print_error(f"a part of the program cannot be loaded: {error}")
-    except OSError as error:
-        return print_error(error)
-    except KeyboardInterrupt:  # while modules are loaded
-        return print_interrupted()
+        from sfmcpp.cli.dispatch import dispatch
 
-
-def _how_to_install(error: ModuleNotFoundError) -> str:
-    """What is missing; what comes with an extra says itself with which one."""
-    if not error.msg.startswith("No module named"):
-        return error.msg
-    return f"{error.name}, which sfmcpp needs, is not installed: pip install sfmcpp installs it"
-
-
-def _dispatch(arguments: list[str]) -> int:
-    import typer
-    from typer.main import get_command
-
-    from sfmcpp.cli.app import app
-
-    # Typer may bring its own click; the base of all usage errors is reached without naming either.
-    usage_error: type[Exception] = typer.BadParameter.__mro__[1]
-    command = get_command(app)
-    try:
-        result = command(arguments, prog_name="sfmcpp", standalone_mode=False)
-    except usage_error as error:
-        message = _usage_message(error)
-        return print_error(message) if _is_of_a_path(error) else _refuse_usage(arguments, message)
-    except typer.Abort:
-        return print_interrupted()
-    # Typer ends without a word where arguments are read; a command has had its own.
-    if result == ExitCode.INTERRUPTED and not isinstance(result, ExitCode):
-        return print_interrupted()
-    return int(result or ExitCode.DONE)
-
-
-def _refuse_usage(arguments: list[str], message: str) -> int:
-    """Tell what is wrong with arguments that all processes of a launcher have."""
-    return ExitCode.BAD_INPUT if is_said_by_another(arguments) else print_error(message)
-
-
-def _is_of_a_path(error: Exception) -> bool:
-    """Whether a path is at fault: it may be good on the machine of the first process."""
-    kind = getattr(getattr(error, "param", None), "type", None)
-    return getattr(kind, "name", "") in ("path", "file", "directory")
-
-
-def _usage_message(error: Exception) -> str:
-    message: str = error.format_message()  # type: ignore[attr-defined]
-    context = getattr(error, "ctx", None)
-    command = "sfmcpp" if context is None else context.command_path
-    return f"{' '.join(message.split()).rstrip('.')} (see '{command} --help')"
-
-
-def _replace_what_cannot_be_encoded() -> None:
-    """Print '?' for characters the terminal's encoding lacks, rather than fail."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+        return dispatch(list(sys.argv[1:] if arguments is None else arguments))
+    except KeyboardInterrupt:  # before or after signals are handled
+        if sys.stderr is not None:
+            print("sfmcpp: interrupted", file=sys.stderr)
+        return 130

@@ -5,17 +5,20 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.console import ExitCode, print_note
 from sfmcpp.cli.interrupts import single_interrupt
 from sfmcpp.errors import InvalidArgument, SfmcppError
 
+if TYPE_CHECKING:
+    from sfmcpp.ba.ranks import Ranks
+
 # Where launchers say how many they have started: MPICH and Intel MPI, Open MPI.
 _SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
 _RANKS = ("PMI_RANK", "OMPI_COMM_WORLD_RANK")
-# Commands that the processes of a launcher do together.
-_TOGETHER = ("solve", "convert", "demo")
+# Commands that each process of a launcher does for itself; the others they do together.
+ALONE = ("info", "doctor", "synth", "evaluate", "slam", "bag", "reconstruct")
 # MPICH says that it was asked to end, after the one line that says why.
 _QUIET_ABORT = "MPIR_CVAR_SUPPRESS_ABORT_MESSAGE"
 
@@ -28,10 +31,10 @@ def num_launched() -> int:
 def is_said_by_another(arguments: Sequence[str]) -> bool:
     """Whether another process of a launcher prints what these arguments lead to, usage errors included.
 
-    Other commands, such as `info`, each process does for itself: its arguments may be its own.
+    Commands such as `info` each process does for itself: its arguments may be its own.
     """
-    ours_alone = bool(arguments) and arguments[0] not in _TOGETHER and not arguments[0].startswith("-")
-    return not ours_alone and any(int(os.environ.get(name, "0")) > 0 for name in _RANKS)
+    is_first = all(int(os.environ.get(name, "0")) == 0 for name in _RANKS)
+    return not is_first and (not arguments or arguments[0] not in ALONE)
 
 
 def launched_ranks(*, asked: bool) -> Ranks | None:
@@ -57,6 +60,8 @@ def launched_ranks(*, asked: bool) -> Ranks | None:
         raise InvalidArgument(
             f"started by MPI, {error}: pip install 'sfmcpp[mpi]' installs mpi4py and an MPI"
         ) from None
+    from sfmcpp.ba.ranks import Ranks
+
     ranks = Ranks(MPI.COMM_WORLD)
     if ranks.size < launched:
         library = MPI.Get_library_version().split("\n")[0].strip()

@@ -28,6 +28,8 @@ LEAST_POSITIONS = 5
 # Latitudes and longitudes declared as metres: all within this of each other, which is less than any path in
 # metres, and so many times farther from zero.
 _DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
+# Radians taken for degrees: below these, and all within so much as read, a 57th of what they are then.
+_MOST_RADIANS, _RADIANS_WITHIN_M = np.array([np.pi / 2, np.pi]), 2_000.0
 # A parabola is fitted to positions within this time [s], at least so many, at most so many on either side.
 _SMOOTHED_WITHIN_S, _LEAST_SMOOTHED, _MOST_SMOOTHED = 0.5, 5, 10
 # Largest variance about the parabola, in units of the declared one: above it the motion is no parabola.
@@ -211,6 +213,36 @@ def require_metres(rows: FloatArray) -> None:
             f"gps: x and y are {middle[0]:.6g} and {middle[1]:.6g} to within {extent:.2g}, which look like "
             "degrees: must be metres, or be named lat, lon, height (geodetic=True)"
         )
+
+
+def doubt_of_radians(origin: FloatArray, local_m: FloatArray) -> list[str]:
+    """Warn of latitudes and longitudes that seem to be in radians.
+
+    Below ±π/2 and ±π all is open sea, off West Africa: who is there has to know that the warning is wrong.
+
+    Parameters
+    ----------
+    origin : (3,) float64
+        Latitude, longitude, as read [deg], and height [m] amid the positions.
+    local_m : (n, 3) float64
+        The positions, east, north, up of there [m]; not a number where unknown.
+
+    Returns
+    -------
+    list of str
+        The warning, if there is one.
+    """
+    known = local_m[np.isfinite(local_m).all(axis=1), :2]
+    is_small = len(known) > 1 and float(np.ptp(known, axis=0).max()) < _RADIANS_WITHIN_M
+    elsewhere = np.rad2deg(origin[:2])
+    is_by_zero = (np.abs(elsewhere) < _MOST_RADIANS).all()  # in either unit
+    if not is_small or is_by_zero or (np.abs(origin[:2]) > _MOST_RADIANS).any():
+        return []
+    return [
+        f"latitudes and longitudes, about {origin[0]:.4g} and {origin[1]:.4g}, seem to be radians: as "
+        f"degrees they are a small place in the sea off West Africa, as radians one at {elsewhere[0]:.4g}°, "
+        f"{elsewhere[1]:.4g}°; put [rad] behind the names of their columns, or ignore this if it is that sea"
+    ]
 
 
 def geodetic_of(local: ArrayLike, origin: ArrayLike) -> FloatArray:

@@ -25,6 +25,7 @@ from sfmcpp.model import Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
 from sfmcpp.sfm.georeference import image_names, is_on_a_line, require_movable
 from sfmcpp.sfm.mark_checks import mark_outside, warnings_about_marks
@@ -307,6 +308,8 @@ def _outcome(
     )
     found.warnings.extend(_about_unseen(survey.unseen))
     found.warnings.extend(_warnings(found, leverage))
+    if survey.origin.geodetic:
+        found.warnings.extend(doubt_of_radians(survey.origin.place, survey.metres))
     return found
 
 

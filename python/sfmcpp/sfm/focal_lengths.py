@@ -64,7 +64,7 @@ def settle_focals_by_images(world: Map, cameras: Cameras, settings: IncrementalS
         _hold(world, cameras, more)
         adjust_all(world, settings, **FINE)
     found |= {int(k): max(found.get(int(k), 0.0), _LEAST_SHARE) for k in np.flatnonzero(held)}
-    return _warnings(world, found, "the images do")
+    return _warnings(world, found, "the images do") + _moved(world, cameras, found)
 
 
 def settle_focals_by_positions(
@@ -104,7 +104,7 @@ def settle_focals_by_positions(
     if found and cameras.model_is_open:
         _hold(world, cameras, found)
         adjust()
-    return _warnings(world, found, "images and positions do")
+    return _warnings(world, found, "images and positions do") + _moved(world, cameras, found)
 
 
 def held_focals(world: Map, cameras: Cameras) -> BoolArray:
@@ -142,6 +142,25 @@ def _hold(world: Map, cameras: Cameras, found: dict[int, float]) -> None:
         if not cameras.guessed[camera] or share > _HALF:
             world.intrinsics[camera] = cameras.intrinsics[camera]
         world.fixed_intrinsics[camera, _F] = True
+
+
+def _moved(world: Map, cameras: Cameras, undetermined: dict[int, float]) -> list[str]:
+    """Warn of the focal length farthest from the one that was told, where a named model let it go there."""
+    if cameras.model_is_open:
+        return []
+    free = ~world.fixed_intrinsics[:, _F] & ~cameras.guessed
+    free &= np.isin(np.arange(len(free)), world.image_cameras[world.registered])
+    free[list(undetermined)] = False
+    change = np.where(free, world.intrinsics[:, _F] / cameras.intrinsics[:, _F] - 1, 0.0)
+    worst = int(np.argmax(np.abs(change)))
+    if abs(change[worst]) <= _LEAST_SHARE:
+        return []
+    name = world.image_names[np.flatnonzero(world.registered & (world.image_cameras == worst))[0]]
+    return [
+        f"the focal length of the camera of {name} is estimated as {world.intrinsics[worst, _F]:.0f} px, "
+        f"{change[worst]:+.0%} from the {cameras.intrinsics[worst, _F]:.0f} px that are told: camera model "
+        f"{cameras.names[worst]}, as named, estimates it; --camera-model fixed holds it"
+    ]
 
 
 def _warnings(world: Map, found: dict[int, float], told_by: str) -> list[str]:

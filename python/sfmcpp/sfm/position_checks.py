@@ -17,6 +17,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 
@@ -262,6 +263,8 @@ def warnings_of_all(
     """
     metres = positions.metres
     warnings = [_UNREAD.format(", ".join(positions.unread))] if positions.unread else []
+    if positions.geodetic:
+        warnings += doubt_of_radians(positions.origin, metres)
     if swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed):
         warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
     if shifted := evidence_of_shifted_rows(centres, metres, seed=seed):

@@ -16,8 +16,10 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import Photo
 from sfmcpp.sensors.gps import LEAST_POSITIONS, east_north_up, require_metres
+from sfmcpp.sfm.photo_numbers import match_photo_numbers
+from sfmcpp.sources.io.named_positions import NamedPositions
 from sfmcpp.sources.io.position_columns import Triple
-from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
+from sfmcpp.sources.io.position_csv import read_position_csv
 from sfmcpp.sources.vision.photos import open_photos
 
 # Origins of metric frames are whole multiples of this: what lies nearer to zero stays as it is [m].
@@ -130,7 +132,7 @@ def positions_of(names: list[str], known: NamedPositions) -> Positions:
     names : list of I str
         Names of images.
     known : NamedPositions
-        Positions by name, see :func:`match_names`; names that are no image's are left alone.
+        Positions by name, see :func:`match_names`, or number; those that are no image's are left alone.
 
     Returns
     -------
@@ -140,16 +142,43 @@ def positions_of(names: list[str], known: NamedPositions) -> Positions:
     Raises
     ------
     InvalidArgument
-        If no name is an image's, one may be that of several, or a latitude is out of range.
+        If no name is an image's, one may be that of several, there must be as many as images and are not,
+        or a latitude is out of range.
     """
-    alike = match_names(names, known.positions)
-    if not alike:
-        listed, wanted = (", ".join(list(some)[:3]) for some in (known.positions, names))
-        raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image ({wanted})")
+    alike = _names_in_table(names, known)
     table_names = [alike.get(name) for name in names]
     stated = None if known.sigmas is None else _rows_by_image(table_names, known.sigmas)
     found = local_positions(_rows_by_image(table_names, known.positions), known.geodetic, stated)
     return replace(found, unread=known.unread)
+
+
+def _names_in_table(names: list[str], known: NamedPositions) -> dict[str, str]:
+    """What the table calls each image that it has."""
+    if known.named_by == "photo number":
+        return match_photo_numbers(names, known.positions)
+    if known.named_by in ("index", "order"):
+        return _numbers_in_table(names, known)
+    alike = match_names(names, known.positions)
+    if not alike:
+        listed, wanted = (", ".join(list(some)[:3]) for some in (known.positions, names))
+        raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image ({wanted})")
+    return alike
+
+
+def _numbers_in_table(names: list[str], known: NamedPositions) -> dict[str, str]:
+    numbered = {name: str(number) for number, name in enumerate(names)}
+    if known.named_by == "order" and len(names) != len(known.positions):
+        raise InvalidArgument(
+            f"gps: {len(known.positions):,} positions for {len(names):,} images: without names there must be "
+            "one for each, in their order, as RTKLIB writes for the triggers of a camera (_events.pos)"
+        )
+    found = {name: number for name, number in numbered.items() if number in known.positions}
+    if not found:
+        listed = ", ".join(list(known.positions)[:3])
+        raise InvalidArgument(
+            f"gps: none of its numbers ({listed}) is below {len(names)}, that of the images"
+        )
+    return found
 
 
 def _rows_by_image(
@@ -248,7 +277,7 @@ def exif_positions_of_folder(folder: Path) -> NamedPositions:
     positions = _exif_positions(photos)
     if not positions:
         raise DatasetError(folder, "no photo tells its position")
-    return NamedPositions(positions, geodetic=True)
+    return NamedPositions(positions, geodetic=True, sigmas=_sigmas_of(photos, positions))
 
 
 def _exif_positions(photos: Sequence[Photo]) -> dict[str, Triple]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from typing import Any
@@ -19,18 +19,21 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, local_positions
-from sfmcpp.sensors.gps import require_metres
+from sfmcpp.sensors.gps import doubt_of_radians, require_metres
 from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
+from sfmcpp.sources.frames import FrameSource
 
 # Its square is finite, and that of its inverse is not zero.
 _LARGEST_SIGMA = 1e100
 # Sensors that measure where the camera is in a world of their own.
 _ABSOLUTE = {"gps", "ins"}
+# Images that a warning names at most.
+_NAMED = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,6 +79,17 @@ class SlamRun:
     def fps(self) -> float:
         """Frames looked at per second."""
         return self.frames / self.seconds if self.seconds > 0 else math.inf
+
+    @property
+    def driven_s(self) -> float | None:
+        """Time from the first frame looked at to the last [s]; None where their rate is assumed."""
+        times = self.result.path.times.values()
+        return None if self.drive.frames.assumed_fps is not None or not times else max(times) - min(times)
+
+    @property
+    def real_time_factor(self) -> float | None:
+        """That time over what the run took: above 1, it keeps up with the camera; None without that time."""
+        return None if self.driven_s is None or self.seconds <= 0 else self.driven_s / self.seconds
 
     @property
     def georeferenced(self) -> bool:
@@ -181,6 +195,8 @@ def run(
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
     if drive.frames.doubt is not None:
         result.warnings.append(drive.frames.doubt)
+    result.warnings.extend(doubts_of_units(used))
+    result.warnings.extend(_losses(drive.frames))
     frames = len(result.path.times)
     ran = (drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
     return SlamRun(*ran, _origin_of(used) if result.metric else None)
@@ -191,6 +207,22 @@ def _origin_of(sensors: Sequence[MotionSensor]) -> WorldOrigin | None:
     if any(isinstance(sensor, Ins) for sensor in sensors):
         return None
     return next((sensor.origin for sensor in sensors if isinstance(sensor, Gps)), None)
+
+
+def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:
+    """Warn of sensors whose numbers seem to be in another unit."""
+    for sensor in sensors:
+        if isinstance(sensor, Gps) and sensor.origin is not None and sensor.origin.geodetic:
+            yield from doubt_of_radians(sensor.origin.place, sensor.stream.values)
+
+
+def _losses(frames: FrameSource) -> Iterator[str]:
+    """Name images that could not be read."""
+    if lost := frames.unreadable:
+        named = [f"{name}: {reason}" for name, reason in list(lost.items())[:_NAMED]]
+        more = ", …" if len(lost) > _NAMED else ""
+        count = "1 image is" if len(lost) == 1 else f"{len(lost)} images are"
+        yield f"{count} left out, as if lost by the camera: {', '.join(named)}{more}"
 
 
 def _require_known(opening: Mapping[str, Any]) -> None:

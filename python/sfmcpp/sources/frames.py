@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from sfmcpp.sources.frame_times import TimeOf, require_as_many, times_of_images
 from sfmcpp.sources.io.calibration import Calibration
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames
+from sfmcpp.sources.vision.images import GreyImage
 
 _TRUTH = "poses.txt"
 _DENSE_ENOUGH = 100_000
@@ -64,6 +66,11 @@ class FrameSource(ABC):
     seconds: float | None = None
     assumed_fps: float | None = None
     doubt: str | None = None
+
+    @property
+    def unreadable(self) -> Mapping[str, str]:
+        """Reason for each image left out so far because it cannot be read, by its name."""
+        return MappingProxyType({})
 
     @property
     @abstractmethod
@@ -220,13 +227,24 @@ class ImageStream(FrameSource):
             return first_s, first_s
 
     def __iter__(self) -> Iterator[Frame]:
-        self.num_tracks, self.seconds, number = 0, 0.0, 0
-        stream = follow_features(self._images, self._settings)
+        self.num_tracks, self.seconds = 0, 0.0
+        numbers: list[int] = []
+
+        def images() -> Iterator[GreyImage]:
+            for number, image in self._images.numbered():
+                numbers.append(number)
+                yield image
+
+        stream = follow_features(images(), self._settings)
         while (seen := self._timed_next(stream)) is not None:
             self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
-            yield Frame(number, self._time_of(number), seen)
-            number += 1
-        self._count = number
+            yield Frame(numbers[-1], self._time_of(numbers[-1]), seen)
+        self._count = len(numbers)
+
+    @property
+    def unreadable(self) -> Mapping[str, str]:
+        """Reason for each image left out so far because it cannot be read, by its name."""
+        return self._images.unreadable
 
     def _timed_next(self, stream: Iterator[View]) -> View | None:
         started = time.perf_counter()
@@ -242,7 +260,7 @@ def open_images(
     corners: str = CORNERS[0],
     stamps: FloatArray | None = None,
 ) -> tuple[ImageStream, Trajectory | None]:
-    """Open a folder of images or a video; the first image is looked at, and no other.
+    """Open a folder of images or a video; the first image that can be read is looked at.
 
     The truth is ``poses.txt``, with the images or one folder
     above, where there is one.
@@ -267,15 +285,15 @@ def open_images(
     stream : ImageStream
         Its times are, the first that there is: `fps`, the stamps, ``times.txt``, EuRoC's ``data.csv``, names
         of images that are nanoseconds, the frame rate of the video, ten a second; see
-        :mod:`sfmcpp.sources.frame_times`. While it runs, it raises a DatasetError that names the image which
-        cannot be read, or has no time.
+        :mod:`sfmcpp.sources.frame_times`. While it runs, it leaves out images of a folder that cannot be
+        read, up to a tenth, and raises a DatasetError if they are more, or an image has no time.
     truth : Trajectory or None
         As many poses as images, at their times unless it has its own.
 
     Raises
     ------
     DatasetError
-        If the first image cannot be read, or what is found beside the images, or the camera, does not fit
+        If no image can be read, or what is found beside the images, or the camera, does not fit
         them; without a camera, or a frame rate, it says where one can be put.
     InvalidArgument
         If `camera` is none, `fps` is not positive, or there are no such `corners`.
@@ -317,7 +335,7 @@ def _truth(images: Frames, time_of: TimeOf) -> Trajectory | None:
 
 def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None) -> None:
     cx, cy = intrinsics[2:4]
-    height, width = next(iter(images)).shape
+    height, width = next(image for _, image in images.numbered()).shape
     size = f"{width}×{height}"
     if not (0 < cx < width and 0 < cy < height):
         reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"

@@ -96,6 +96,8 @@ class SlamReport(ReportTable):
             "interrupted": run.interrupted,
             "totals": run.totals,
             "fps": run.fps,
+            "seconds_driven": run.driven_s,
+            "real_time_factor": run.real_time_factor,
             "seconds": run.seconds,
             "seconds_read": run.drive.seconds_read,
             "seconds_tracking": frames.seconds,
@@ -154,6 +156,9 @@ class SlamReport(ReportTable):
         if run.world is not None and not run.result.metric:
             yield "scale", "arbitrary: metres come from an odometer, a GPS, an INS or --stereo"
         yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"
+        if run.real_time_factor is not None:
+            drive = f"the drive, which took {run.driven_s:.4g} s"
+            yield "real time", f"{run.real_time_factor:.3g} times as fast as {drive}"
         if frames.seconds is not None:
             each = 1e3 * frames.seconds / max(run.frames, 1)
             text = f"{frames.seconds:.3f} s of these for images and corners, {each:.3g} ms per image"

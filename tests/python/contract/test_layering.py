@@ -44,7 +44,7 @@ PYTHON_LEVELS: list[set[str]] = [
 PYTHON_LEVEL = {layer: level for level, layers in enumerate(PYTHON_LEVELS) for layer in layers}
 # Layers above others that still know nothing of them.
 PYTHON_APART = {"ba": {"geometry", "sensors"}}
-# The package's own __init__ and __main__, which re-export and start.
+# The package's own __init__, its public names and __main__, which re-export and start.
 PYTHON_ROOT = "sfmcpp"
 # What every layer may import beside the standard library; SciPy inside functions only, as it loads slowly.
 # Of typing_extensions type checkers have their own copy; nothing imports it at run time.
@@ -134,7 +134,7 @@ def python_violations(root: Path) -> list[str]:
     for path in sorted(top.rglob("*.py")):
         inside = path.relative_to(top)
         layer = inside.parts[0].removesuffix(".py")
-        layer = PYTHON_ROOT if layer in ("__init__", "__main__") else layer
+        layer = PYTHON_ROOT if layer in ("__init__", "__main__", "_public") else layer
         name = path.relative_to(root).as_posix()
         if layer != PYTHON_ROOT and layer not in PYTHON_LEVEL:
             found.append(f"{name}: {layer!r} is no layer")
@@ -236,10 +236,36 @@ def test_an_allowed_import_passes(tmp_path: Path, file: str, text: str) -> None:
     assert python_violations(tmp_path) == []
 
 
-def test_importing_the_package_loads_numpy_and_no_other_library() -> None:
-    code = "import sfmcpp, sys; print(*{name.split('.')[0] for name in sys.modules})"
-    loaded = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
-    assert {"numpy", "sfmcpp"} <= set(loaded)
-    assert not {"rich", "typer", "matplotlib", "scipy", "poselib", "cv2", "viser"} & set(loaded)
+LIBRARIES = {"numpy", "rich", "typer", "matplotlib", "scipy", "poselib", "cv2", "viser"}
+
+
+def libraries_loaded_by(code: str) -> set[str]:
+    code += "; import sys; print(*{name.split('.')[0] for name in sys.modules})"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "sfmcpp" in told.split()
+    return LIBRARIES & set(told.split())
+
+
+@pytest.mark.parametrize("module", ["sfmcpp", "sfmcpp.cli.main", "sfmcpp.cli.dispatch"])
+def test_importing_the_package_or_its_commands_loads_no_library(module: str) -> None:
+    assert libraries_loaded_by(f"import {module}") == set()
+
+
+@pytest.mark.parametrize("name", ["solve", "sfm", "slam", "study"])
+def test_using_a_name_of_the_package_loads_numpy_and_no_other_library(name: str) -> None:
+    assert libraries_loaded_by(f"import sfmcpp; sfmcpp.{name}") == {"numpy"}
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import sfmcpp; assert {'solve', 'Problem', 'sfm', '__version__'} <= set(dir(sfmcpp))",
+        "import sfmcpp; assert set(sfmcpp.__all__) <= set(dir(sfmcpp))",
+        "from sfmcpp import *; solve, Problem, SCENES",
+        "import sfmcpp; sfmcpp.weighting.solve, sfmcpp.geometry.Similarity, sfmcpp._core.SolveOptions",
+        "import sfmcpp; assert not hasattr(sfmcpp, 'solv') and not hasattr(sfmcpp, '_solve')",
+        "import pickle, sfmcpp; pickle.loads(pickle.dumps(sfmcpp.InvalidArgument('x')))",
+    ],
+)
+def test_names_that_are_loaded_late_are_there_as_any_others(code: str) -> None:
+    subprocess.run([sys.executable, "-c", code], check=True)

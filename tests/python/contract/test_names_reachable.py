@@ -21,6 +21,7 @@ from sfmcpp import CAMERA_MODELS, CONSTRAINT_KINDS, ConstraintGroup, SolveOption
 from sfmcpp.ba.options import OPTIONS, choices
 from sfmcpp.cli.app import app
 from sfmcpp.cli.console import ExitCode
+from sfmcpp.cli.mpi_launch import ALONE
 from sfmcpp.model import names
 from sfmcpp.weighting import POSE_METHODS, PROBLEM_METHODS, selection_method
 
@@ -61,6 +62,12 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     monkeypatch.setattr(sfmcpp.cli.run, "solve_file", note)
     return found
+
+
+def test_commands_are_done_by_each_process_of_a_launcher_or_by_all_together() -> None:
+    names = {c.name or getattr(c.callback, "__name__", "") for c in app.registered_commands}
+    assert names - set(ALONE) == {"solve", "convert", "demo"}
+    assert set(ALONE) < names
 
 
 def test_the_tables_are_not_empty() -> None:

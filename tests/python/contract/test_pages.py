@@ -103,6 +103,16 @@ def test_a_block_that_fails_is_told(tmp_path: Path, block: str) -> None:
         run_pages.run_page(page_of(tmp_path, block), real=False)
 
 
+@pytest.mark.parametrize("name", ["many-machines.md", "docs/many-machines.md", "how-to/gps.md"])
+def test_a_page_is_named_by_its_place_in_the_repository_or_in_its_docs(name: str) -> None:
+    assert run_pages.chosen_page(name) == Path("docs", name.removeprefix("docs/"))
+
+
+def test_a_page_that_there_is_not_is_refused_in_one_line() -> None:
+    with pytest.raises(SystemExit, match=r"^run_pages\.py: nix\.md: is no page: must be one of api\.md, "):
+        run_pages.chosen_page("nix.md")
+
+
 def test_links_lead_to_where_pages_are_on_the_site() -> None:
     told = run_pages.with_links_of_site(
         "[a](docs/drives.md#honest) [b](SECURITY.md) [c](https://x.org/y) [d](#here)",

@@ -132,12 +132,12 @@ def test_intrinsics_that_the_format_cannot_hold_once_refined_are_refused_before_
 ) -> None:
     sfmcpp.write(noisy_circle(camera_model="perspective"), tmp_path / "model")
     source, target, report = (tmp_path / name for name in ("model", "refined", "report.json"))
-    asked = ("--refine", "f,k3", "--report", report)
+    asked = ("--refine", "f,k4", "--report", report)
     result = run_here("solve", source, "-o", target, *asked)
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{target}: " in result.stderr
-    assert "k3" in result.stderr
+    assert "k4" in result.stderr
     assert list(tmp_path.iterdir()) == [source]
     assert run_here("solve", source, "-o", target, "--refine", "f,k1,k2").returncode == 0
 

@@ -130,8 +130,29 @@ def test_a_time_limit_on_a_long_solve_stops_it_early(long_problem: Path, tmp_pat
     assert all(iteration["seconds"] < 0.2 for iteration in content["iterations"][:-1])
 
 
-def test_a_stop_while_modules_are_loaded_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\n")
+@pytest.mark.parametrize(
+    ("module", "by"),
+    [
+        ("concurrent", signal.SIGINT),  # before signals are handled
+        ("numpy", signal.SIGINT),
+        ("numpy", signal.SIGTERM),
+        ("typer", signal.SIGTERM),
+    ],
+)
+def test_a_stop_while_modules_are_loaded_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, by: signal.Signals
+) -> None:
+    (tmp_path / f"{module}.py").write_text(f"import os, signal\nos.kill(os.getpid(), {int(by)})\n")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
+    result = run("--version")
+    assert (result.returncode, result.stderr) == (130, "sfmcpp: interrupted\n")
+
+
+def test_a_stop_that_a_compiled_module_reports_as_its_own_failure_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing = "raise ImportError('initialization failed') from KeyboardInterrupt()\n"
+    (tmp_path / "typer.py").write_text(failing)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
     result = run("--version")
     assert (result.returncode, result.stderr) == (130, "sfmcpp: interrupted\n")

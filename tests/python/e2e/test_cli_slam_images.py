@@ -82,7 +82,6 @@ def test_a_video_is_followed_at_its_own_rate(tmp_path: Path, data_dir: Path) -> 
         (None, "", [], "there is no calib.txt, K.txt or sensor.yaml beside it; give --camera"),
         (None, "", ["--camera", "90,200,20"], "principal point (200, 20) lies outside of the images of 64"),
         ("K.txt", "90 0 32 0 90 24", [], "K.txt: holds 6 numbers: must be 9"),
-        ("images/bad.png", "text", ["--camera", "90,32,24"], "bad.png: is no image that can be decoded"),
         ("times.txt", "0\n0.1\n", ["--camera", "90,32,24"], "times.txt: holds 2 times for 3 images"),
         ("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n", ["--camera", "90,32,24"], "holds 1 poses for 3 images"),
     ],
@@ -110,3 +109,21 @@ def test_images_without_texture_give_no_map_and_say_so(tmp_path: Path) -> None:
     assert result.returncode == 3
     assert is_one_error_line(result)
     assert "images: no map could be started" in result.stderr
+
+
+@pytest.mark.real
+def test_a_bad_image_is_left_out_and_named(tmp_path: Path, data_dir: Path) -> None:
+    (tmp_path / "images").mkdir()
+    for file in sorted((data_dir / CLIP).iterdir())[:16]:
+        (tmp_path / "images" / file.name).write_bytes(
+            b"no picture" if "05." in file.name else file.read_bytes()
+        )
+    out = tmp_path / "out"
+    result = run_here("slam", tmp_path / "images", "--camera", CAMERA, "--fps", "10", "-o", out)
+    assert result.returncode == 0
+    warning = "1 image is left out, as if lost by the camera: 000005.png: is no image that can be decoded"
+    content = strict_json(out / "report.json")
+    assert any(warning in told for told in content["warnings"])
+    assert (content["totals"]["frames"], content["totals"]["poses"]) == (15, 15)
+    times = [0.1 * number for number in range(16) if number != 5]
+    np.testing.assert_allclose(read_trajectory(out / "trajectory.txt").t_s, times)

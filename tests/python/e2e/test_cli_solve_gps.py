@@ -211,3 +211,47 @@ def test_what_does_not_go_together_is_said_in_a_line(tmp_path: Path) -> None:
         result = run_here("solve", source, "--gps", table)
         assert result.returncode == 2
         assert result.stderr == f"sfmcpp: error: {table}: {reason}\n"
+
+
+def receiver_scene(folder: Path) -> tuple[Path, FloatArray, FloatArray]:
+    """A problem with names of a drone, its centres as latitudes, and these with errors of the receiver."""
+    source, centres = scene(folder, names=True)
+    problem = sfmcpp.read(source)
+    problem.metadata.image_names = [f"DJI_20260803132556_{k + 1:04d}_V.JPG" for k in range(40)]
+    sfmcpp.write(problem, source)
+    origin, noise = [46.84, -91.99, 198.0], np.random.default_rng(4).normal(0, 0.02, centres.shape)
+    return source, geodetic_of(centres - UTM, origin), geodetic_of(centres - UTM + noise, origin)
+
+
+def test_photos_are_found_by_the_numbers_of_an_mrk(tmp_path: Path) -> None:
+    source, truth, gps = receiver_scene(tmp_path)
+    told = "{},Lat\t{},Lon\t{},Ellh\t0.02, 0.02, 0.02\t50,Q"
+    lines = [
+        f"{k + 1}\t37{k}.5\t[2041]\t-2,N\t4,E\t9,V\t" + told.format(*gps[k]) for k in range(40) if k != 7
+    ]
+    (tmp_path / "t.MRK").write_text("\n".join(lines[::-1]) + "\n")
+    output, report = tmp_path / "out.npz", tmp_path / "report.json"
+    result = run_here("solve", source, "--gps", tmp_path / "t.MRK", "-o", output, "--report", report)
+    assert (result.returncode, strict_json(report)["gps"]["stated_sigma_m"]) == (0, 0.02)
+    solved = sfmcpp.read(output)
+    there = geodetic_of(solved.centres, solved.metadata.extra["origin_geodetic"])
+    assert np.linalg.norm(east_north_up(there, truth[0]) - east_north_up(truth, truth[0]), axis=1).max() < 0.1
+    assert "39: latitude, longitude, height, with standard deviations" in " ".join(
+        run_here("info", tmp_path / "t.MRK").stdout.split()
+    )
+
+
+def test_a_pos_has_a_line_for_each_image(tmp_path: Path) -> None:
+    source, truth, gps = receiver_scene(tmp_path)
+    header = "%  GPST  latitude(deg) longitude(deg)  height(m)   Q  ns\n"
+    rows = [f"2056 54743{k}.5 {' '.join(map(str, row))} 1 12\n" for k, row in enumerate(gps)]
+    (tmp_path / "events.pos").write_text(header + "".join(rows))
+    (tmp_path / "more.pos").write_text(header + "".join(rows + rows))
+    output = tmp_path / "out.npz"
+    assert run_here("solve", source, "--gps", tmp_path / "events.pos", "-o", output).returncode == 0
+    solved = sfmcpp.read(output)
+    there = geodetic_of(solved.centres, solved.metadata.extra["origin_geodetic"])
+    assert np.linalg.norm(east_north_up(there, truth[0]) - east_north_up(truth, truth[0]), axis=1).max() < 0.1
+    refused = run_here("solve", source, "--gps", tmp_path / "more.pos")
+    assert refused.returncode == 2
+    assert "80 positions for 40 images: without names there must be one for each" in refused.stderr

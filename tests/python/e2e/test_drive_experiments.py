@@ -41,7 +41,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = [sys.executable, "-W", "error", "-c", PROGRAM, str(found)]
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=BENCH)
     assert result.returncode == 0, result.stderr
+    (found / "progress.txt").write_text(result.stderr)
     return found
+
+
+def test_each_drive_that_is_done_is_told(folder: Path) -> None:
+    told = (folder / "progress.txt").read_text().splitlines()
+    assert told[:3] == [
+        "orientations: 0 of 2 drives done",
+        "orientations: 1 of 2 drives done, short 0",
+        "orientations: 2 of 2 drives done, short 1",
+    ]
 
 
 def rows_of(folder: Path, kind: str) -> dict[tuple[str, str], dict[str, Any]]:

@@ -250,6 +250,7 @@ def test_what_is_wrong_is_said_once(arguments: tuple[str, ...], reason: str, tmp
         (("solve", "a.npz", "--frobnicate"), "sfmcpp: error: No such option: --frobnicate"),
         (("convert", "a.npz"), "sfmcpp: error: Missing argument 'OUT'"),
         (("solve", ""), "sfmcpp: error: argument ''"),
+        (("slov", "a.npz"), "sfmcpp: error: No such command 'slov'"),
         (("--version",), "sfmcpp 0."),
         (("solve", "--help"), "Usage: sfmcpp solve"),
         (("demo", "-o", "folder"), "The demo is in "),

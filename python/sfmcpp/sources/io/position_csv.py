@@ -12,18 +12,19 @@ Tabs and semicolons separate as well, and then decimals may have commas. Lines t
 comments, but for a header: the last of them before the first other line.
 
 The ``geo.txt`` of OpenDroneMap is read, too: the name of the projection, then for each image ``name x y z``,
-three angles and two accuracies if known; latitudes and longitudes are ``EPSG:4326``, longitude first.
+three angles and two accuracies if known; latitudes and longitudes are ``EPSG:4326``, longitude first. So are
+tables of receivers (:mod:`receiver_tables`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, with_decimal_points
+from sfmcpp.sources.io.named_positions import NamedBy, NamedPositions
 from sfmcpp.sources.io.position_columns import (
     NumberedLine,
     PositionColumns,
@@ -34,34 +35,10 @@ from sfmcpp.sources.io.position_columns import (
     spreads_by_look,
     table_of,
 )
+from sfmcpp.sources.io.receiver_tables import is_mrk, is_pos, positions_of_mrk, positions_of_pos
 
 # Of a line of a geo.txt, without its name: x y z, three angles, two accuracies.
 _LIST_CELLS = (3, 6, 8)
-
-
-@dataclass(frozen=True)
-class NamedPositions:
-    """Positions of images.
-
-    Attributes
-    ----------
-    positions : dict
-        Three numbers by name: latitude, longitude [deg, WGS84] and height [m], or x, y, z [m].
-    geodetic : bool
-        Which of both.
-    sigmas : dict or None
-        Standard deviations by name, east, north, up or along x, y, z [m].
-    by_number : bool
-        Whether names are numbers of images from 0, as the file has no names.
-    unread : tuple of str
-        Columns that seem to be standard deviations, where none were read.
-    """
-
-    positions: dict[str, Triple]
-    geodetic: bool
-    sigmas: dict[str, Triple] | None = None
-    by_number: bool = False
-    unread: tuple[str, ...] = ()
 
 
 def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> NamedPositions:
@@ -91,6 +68,10 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     lines = list(numbered_lines(source))
     if lines and names_projection(lines[0][1]):
         return _positions_of_list(source, lines)
+    if lines and is_mrk(lines[0][1]):
+        return positions_of_mrk(source, lines)
+    if lines and is_pos(lines[0][1]):
+        return positions_of_pos(source, lines)
     headers, rows = table_of(source, lines)
     try:
         columns = PositionColumns.of(headers[1], numbered=numbered)
@@ -110,8 +91,9 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
             sigmas[name] = columns.spread(source, number, cells)
     if not found:
         raise DatasetError(source, "holds no position below its header")
-    by_number, unread = columns.name is None, () if columns.sigmas else spreads_by_look(headers[1])
-    return NamedPositions(found, columns.geodetic, sigmas if columns.sigmas else None, by_number, unread)
+    unread = () if columns.sigmas else spreads_by_look(headers[1])
+    named_by: NamedBy = "index" if columns.name is None else "name"
+    return NamedPositions(found, columns.geodetic, sigmas if columns.sigmas else None, named_by, unread)
 
 
 def _positions_of_list(source: Path, lines: Sequence[NumberedLine]) -> NamedPositions:

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.named_positions import NamedPositions
 from sfmcpp.sources.io.position_columns import Triple
-from sfmcpp.sources.io.position_csv import NamedPositions
 
 
 @dataclass(frozen=True)

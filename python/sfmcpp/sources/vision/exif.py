@@ -1,5 +1,7 @@
 """EXIF facts of a photo: camera, focal length, position and time (CIPA DC-008, "Exif 2.32").
 
+The accuracy of the position is that of an RTK drone of DJI, which stands in its XMP packet.
+
 A value that is missing, damaged or out of its range counts as missing.
 """
 
@@ -33,6 +35,10 @@ _MM_PER_PLANE_UNIT = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 _FILM_DIAGONAL_MM = math.hypot(36, 24)
 # In lengths of the longer side: a fish-eye has 0.3, a spotting scope 60; beyond is no camera.
 _PLAUSIBLE_FOCAL = (0.2, 100.0)
+# As an attribute or an element; metres.
+_RTK = re.compile(rb"drone-dji:(Rtk\w+)\s*(?:=\s*[\"']|>)\s*([^<\"'\s]+)")
+_RTK_SIGMAS = ("RtkStdLon", "RtkStdLat", "RtkStdHgt")
+_XMP_SEGMENT = b"http://ns.adobe.com/xap/1.0/"
 _WHEN = re.compile(r"\s*(\d{4}):(\d\d):(\d\d) (\d\d):(\d\d):(\d\d)")
 
 
@@ -44,17 +50,20 @@ class ExifFacts:
     camera: str = ""
     position: tuple[float, float, float] | None = None
     taken_s: float | None = None
+    position_sigmas_m: tuple[float, float, float] | None = None
 
 
 def exif_facts(image: Any) -> ExifFacts:
     """EXIF facts of an image that Pillow has opened, without decoding it."""
     main, exif, gps = _blocks(image)
     width, height = image.size
+    position = _position(gps)
     return ExifFacts(
         focal_px=_focal_px(exif, (width, height)),
         camera=_camera(main, exif, (width, height)),
-        position=_position(gps),
+        position=position,
         taken_s=_taken_s(exif),
+        position_sigmas_m=None if position is None else _position_sigmas_m(_xmp_packet(image)),
     )
 
 
@@ -114,6 +123,23 @@ def _position(gps: Tags) -> tuple[float, float, float] | None:
     if latitude is None or longitude is None or latitude == longitude == 0 or _text(gps.get(_STATUS)) == "V":
         return None
     return latitude, longitude, _height(gps)
+
+
+def _xmp_packet(image: Any) -> bytes:
+    """As it is in the file: Pillow's parser would need a further package."""
+    packet = image.info.get("xmp", b"")  # of JPEG from Pillow 11 on
+    segments = [data for _, data in getattr(image, "applist", ()) if data.startswith(_XMP_SEGMENT)]
+    return packet if isinstance(packet, bytes) and packet else b"".join(segments)
+
+
+def _position_sigmas_m(packet: bytes) -> tuple[float, float, float] | None:
+    """East, north, up; None unless the receiver had a solution and tells all three."""
+    told = {name.decode(): _number(value.decode("latin-1")) for name, value in _RTK.findall(packet)}
+    sigmas = [_positive(told.get(name)) for name in _RTK_SIGMAS]
+    if told.get("RtkFlag") == 0 or None in sigmas:
+        return None
+    east, north, up = (sigma for sigma in sigmas if sigma is not None)
+    return east, north, up
 
 
 def _height(gps: Tags) -> float:

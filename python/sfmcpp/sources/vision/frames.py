@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ from sfmcpp.sources.vision.images import (
     where_images_are,
 )
 
+# More of the images of a folder are no accident of one of them; one always is.
+_MOST_UNREADABLE_PART = 0.1
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
 
@@ -39,11 +41,14 @@ class Frames(ABC):
         Frames per second, where the source tells.
     names : sequence of str
         Names of the files, of a folder; a video has none.
+    unreadable : mapping of str to str
+        Reason for each file that :meth:`numbered` has left out, by its name.
     """
 
     path: Path
     fps: float | None = None
     names: Sequence[str] = ()
+    unreadable: Mapping[str, str] = MappingProxyType({})
 
     @abstractmethod
     def __len__(self) -> int:
@@ -57,6 +62,16 @@ class Frames(ABC):
     @abstractmethod
     def __iter__(self) -> Iterator[GreyImage]:
         """Each frame (height, width) uint8, decoded when it is asked for."""
+
+    def numbered(self) -> Iterator[tuple[int, GreyImage]]:
+        """Each frame that can be decoded, with its number from 0; of a folder, up to a tenth may be left out.
+
+        Raises
+        ------
+        DatasetError
+            While iterating, if more cannot be decoded, or the size of one differs from that of the first.
+        """
+        return enumerate(self)
 
 
 def open_frames(path: str | PathLike[str]) -> Frames:
@@ -107,12 +122,36 @@ class _Folder(Frames):
         return len(self._files)
 
     def __iter__(self) -> Iterator[GreyImage]:
-        first: tuple[int, ...] | None = None
+        first: tuple[tuple[int, ...], str] | None = None
         for file in self._files:
             image = self._read(file)
-            first = first or image.shape
-            _require_size(file, image.shape, first, self._files[0].name)
+            first = first or (image.shape, file.name)
+            _require_size(file, image.shape, *first)
             yield image
+
+    def numbered(self) -> Iterator[tuple[int, GreyImage]]:
+        self.unreadable = reasons = {}
+        first: tuple[tuple[int, ...], str] | None = None
+        for number, file in enumerate(self._files):
+            try:
+                image = self._read(file)
+            except DatasetError as error:
+                reasons[file.name] = error.reason
+                self._require_few_unreadable()
+                continue
+            first = first or (image.shape, file.name)
+            _require_size(file, image.shape, *first)
+            yield number, image
+        if first is None:
+            name, reason = next(iter(reasons.items()))
+            raise DatasetError(self.path, f"none of its images can be read; {name}: {reason}")
+
+    def _require_few_unreadable(self) -> None:
+        if len(self.unreadable) > max(1, _MOST_UNREADABLE_PART * len(self._files)):
+            name, reason = next(iter(self.unreadable.items()))
+            counts = f"{len(self.unreadable)} of its {len(self._files)} images cannot be read"
+            rule = f"may be {_MOST_UNREADABLE_PART:.0%} and no more"
+            raise DatasetError(self.path, f"{counts}: {rule}; the first, {name}: {reason}")
 
     def _read(self, file: Path) -> GreyImage:
         try:

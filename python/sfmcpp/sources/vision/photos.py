@@ -284,6 +284,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
         position=facts.position,
         taken_s=facts.taken_s,
         digest=blake2b(data, digest_size=_DIGEST_BYTES).hexdigest(),
+        position_sigmas_m=facts.position_sigmas_m,
     )
 
 

@@ -90,6 +90,14 @@ def test_a_survey_in_latitudes_gives_the_same_distances() -> None:
     )
 
 
+def test_a_survey_in_radians_is_doubted() -> None:
+    _, model, control = scene()
+    degrees = geodetic_of(np.array(control.positions) - UTM, [48.1, 11.5, 520.0])
+    rows = [tuple(row) for row in (degrees * [np.pi / 180, np.pi / 180, 1.0]).tolist()]
+    found = fit_control_points(model, replace(control, positions=rows, geodetic=True))
+    assert any("seem to be radians" in warning for warning in found.outcome.warnings)
+
+
 def test_a_wrong_coordinate_is_named() -> None:
     _, model, control = scene()
     wrong = [tuple(row) for row in control.positions]

@@ -127,6 +127,19 @@ def test_views_from_all_sides_determine_it() -> None:
     assert not run.model.fixed_intrinsics[0, 0]
 
 
+@pytest.mark.parametrize(
+    ("model", "told", "warned"), [("opencv", 0.9, True), ("opencv", 1.0, False), ("auto", 0.9, False)]
+)
+def test_a_named_model_that_moves_the_focal_length_far_says_so(model: str, told: float, warned: bool) -> None:
+    truth = sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4)
+    graph = match_graph(truth, sigma_px=0.3, reach=2)
+    f_px = told * truth.intrinsics[0, 0]
+    run = reconstruct(graph, camera=f_px, camera_model=model, subpixel=False, gps="none")
+    moved = [text for text in run.warnings if "px that are told: camera model OPENCV, as named" in text]
+    assert len(moved) == warned
+    assert all(f"+11% from the {f_px:.0f} px" in text for text in moved)
+
+
 @pytest.mark.parametrize(("factor", "warned"), [(1.0, False), (1.3, True)])
 def test_a_held_focal_length_that_the_images_contradict_is_warned_of(factor: float, warned: bool) -> None:
     truth = sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4)

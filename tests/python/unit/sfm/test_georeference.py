@@ -25,7 +25,7 @@ from sfmcpp.sfm.incremental import grow_models
 from sfmcpp.sfm.positions import Positions, local_positions, match_names, positions_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
-from sfmcpp.sources.io.position_csv import NamedPositions
+from sfmcpp.sources.io.named_positions import NamedPositions
 
 SETTINGS = IncrementalSettings()
 

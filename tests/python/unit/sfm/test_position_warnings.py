@@ -9,10 +9,11 @@ from flights import flight, in_a_frame_of_its_own
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.photos import Photo
+from sfmcpp.sensors import geodetic_of
 from sfmcpp.sfm import georeference
 from sfmcpp.sfm.georeference import georeference_to
 from sfmcpp.sfm.positions import Positions, choose_positions, local_positions, unused_positions
-from sfmcpp.sources.io.position_csv import NamedPositions
+from sfmcpp.sources.io.named_positions import NamedPositions
 
 SIGMA_M = 0.3
 
@@ -32,6 +33,27 @@ def warnings_of(shift: int = 0, wrong: int = 0, stated_m: float = SIGMA_M) -> st
     sigmas = np.full(gps.shape, stated_m)
     found = georeference(in_a_frame_of_its_own(truth, 2), gps, sigmas_m=sigmas)
     return "\n".join(found.outcome.warnings)
+
+
+@pytest.mark.parametrize(
+    ("origin", "as_radians", "is_doubted"),
+    [
+        ([46.84, -91.99, 198.0], True, True),
+        ([46.84, -91.99, 198.0], False, False),
+        ([-0.2, 116.0, 30.0], True, True),  # in Borneo, at the equator
+        ([1.2, 2.1, 3.0], False, True),  # a ship in the gulf of Guinea: nothing tells it from radians
+        ([0.001, -0.002, 3.0], False, False),
+    ],
+)
+def test_latitudes_in_radians_are_doubted(origin: list[float], as_radians: bool, is_doubted: bool) -> None:
+    truth = strips()
+    gps = geodetic_of(truth.centres, origin)
+    gps[:, :2] = np.deg2rad(gps[:, :2]) if as_radians else gps[:, :2]
+    warnings = georeference(in_a_frame_of_its_own(truth, 2), gps, geodetic=True).outcome.warnings
+    assert [
+        w for w in warnings if "seem to be radians: as degrees they are a small place in the sea" in w
+    ] == (warnings if is_doubted else [])
+    assert bool(warnings) == is_doubted
 
 
 @pytest.mark.parametrize(("shift", "side"), [(1, "after"), (-1, "before")])

@@ -9,8 +9,10 @@ import pytest
 
 from sfmcpp.geometry.so3 import exp
 from sfmcpp.model import Problem, SensorStream
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
+from sfmcpp.slam.drive_run import doubts_of_units
 from sfmcpp.sources.synthetic import corridor_scene
 from slam_helpers import STEP_S, sequence_of
 
@@ -86,3 +88,13 @@ def test_an_odometer_whose_sign_alternates_scales_no_map() -> None:
     result = run_slam(sequence_of(walk()), sensors=[Odometer(SensorStream(t_s, there_and_back, "speed"))])
     assert not result.metric
     assert any(w.startswith("odometer: measures too little motion") for w in result.warnings)
+
+
+@pytest.mark.parametrize("as_radians", [True, False])
+def test_latitudes_in_radians_are_doubted(as_radians: bool) -> None:
+    unit = np.pi / 180 if as_radians else 1.0
+    origin = WorldOrigin(np.array([49.0 * unit, 8.4 * unit, 110.0]), geodetic=True)
+    fixes = SensorStream(STEP_S * np.arange(3), np.arange(9.0).reshape(3, 3), "position")
+    metric = Gps(fixes, origin=WorldOrigin(np.zeros(3), geodetic=False))
+    doubts = list(doubts_of_units([metric, Gps(fixes, origin=origin)]))
+    assert ["as radians one at 49°" in doubt for doubt in doubts] == [True] * as_radians

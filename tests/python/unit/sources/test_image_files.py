@@ -47,14 +47,39 @@ def test_frames_see_the_tracks_of_all_images_read_one_after_the_other(tmp_path: 
     assert stream.seconds > 0
 
 
-def test_an_image_is_read_when_its_frame_is_asked_for_and_a_bad_one_is_named(tmp_path: Path) -> None:
-    images = write_images(tmp_path / "images", 4)
-    stream = iter(open_images(images, CAMERA)[0])
-    next(stream)
+def test_an_image_is_read_when_its_frame_is_asked_for_and_a_bad_one_is_left_out(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images", 5)
+    stream, _ = open_images(images, CAMERA, fps=10.0)
+    frames = iter(stream)
+    next(frames)
     (images / "2.png").write_text("no picture")
-    assert next(stream).number == 1
-    with pytest.raises(DatasetError, match=r"2\.png: is no image that can be decoded"):
-        next(stream)
+    assert next(frames).number == 1
+    assert stream.unreadable == {}
+    after = next(frames)
+    assert (after.number, after.t_s) == (3, pytest.approx(0.3))
+    assert len(after.view.tracks) > 0
+    assert next(frames, None) is not None
+    assert next(frames, None) is None
+    assert stream.unreadable == {"2.png": "is no image that can be decoded (10 bytes)"}
+    assert len(stream) == 4
+
+
+def test_more_than_a_tenth_of_bad_images_are_refused(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images", 20)
+    for number in (0, 7):
+        (images / f"{number}.png").write_text("no picture")
+    assert [frame.number for frame in open_images(images, CAMERA)[0]] == [*range(1, 7), *range(8, 20)]
+    (images / "19.png").write_text("")
+    refused = r"3 of its 20 images cannot be read: may be 10% and no more; the first, 0\.png: is no image"
+    with pytest.raises(DatasetError, match=refused):
+        list(open_images(images, CAMERA)[0])
+
+
+def test_a_folder_of_bad_images_is_refused(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images", 1)
+    (images / "0.png").write_text("no picture")
+    with pytest.raises(DatasetError, match=r"none of its images can be read; 0\.png: is no image"):
+        open_images(images, CAMERA)
 
 
 def test_the_corners_asked_for_are_followed(tmp_path: Path) -> None:

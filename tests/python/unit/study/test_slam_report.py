@@ -47,6 +47,18 @@ def test_what_is_wrong_with_a_stream_is_in_the_table_and_in_the_report() -> None
     assert of.to_dict()["warnings"] == ["stream 'speed': leaps"]
 
 
+def test_a_run_is_compared_with_the_time_of_the_drive() -> None:
+    of = measured()  # a run of two seconds
+    assert of.to_dict()["real_time_factor"] is None
+    of.run.result.path.times.update({0: 5.0, 1: 6.0, 3: 10.0})
+    report = of.to_dict()
+    assert (report["seconds_driven"], report["real_time_factor"]) == (5.0, 2.5)
+    assert "real time       2.5 times as fast as the drive, which took 5 s" in of.table()
+    of.run.drive.frames.assumed_fps = 10.0  # there is no other clock
+    assert of.to_dict()["real_time_factor"] is None
+    assert "real time" not in of.table()
+
+
 def test_the_time_of_the_images_is_told_where_there_are_images() -> None:
     assert "images" not in measured().table().replace("the images", "")
     told = "images          0.500 s of these for images and corners, 125 ms per image"

@@ -12,12 +12,16 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sources.io.colmap.fisheye import is_fisheye
 from sfmcpp.sources.io.intrinsics import PERSPECTIVE, fixed_but, perspective_columns, perspective_rows
 
+# What FULL_OPENCV divides its radial factor 1 + k1 r² + k2 r⁴ + k3 r⁶ by, after COLMAP's names: 1 + k4 r² + …
+# The perspective model has other k4 and k5, of r⁸ and r¹⁰, and no divisor.
+_DIVISOR = ("divisor k4", "divisor k5", "divisor k6")
+
 
 @dataclass(frozen=True)
 class ColmapModel:
     """A camera model of COLMAP that the perspective model covers, or :data:`fisheye.FISHEYE`.
 
-    Both of these call the same parameters by the same names.
+    Both of these call the same parameters by the same names; what else it has must be zero.
     """
 
     number: int
@@ -46,6 +50,11 @@ MODELS = {
     "SIMPLE_RADIAL": ColmapModel(2, ("f", "cx", "cy", "k1"), ("k1",)),
     "RADIAL": ColmapModel(3, ("f", "cx", "cy", "k1", "k2"), ("k1", "k2")),
     "OPENCV": ColmapModel(4, ("f", "fy", "cx", "cy", "k1", "k2", "p1", "p2"), ("k1", "k2", "p1", "p2")),
+    "FULL_OPENCV": ColmapModel(
+        6,
+        ("f", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", *_DIVISOR),
+        ("k1", "k2", "p1", "p2", "k3"),
+    ),
 }
 FISHEYE_MODELS = {
     "SIMPLE_RADIAL_FISHEYE": ColmapModel(8, ("f", "cx", "cy", "k1"), ("k1",)),
@@ -57,7 +66,6 @@ FISHEYE_MODELS = {
 READ_MODELS = MODELS | FISHEYE_MODELS
 NAME_OF_NUMBER = {model.number: name for name, model in READ_MODELS.items()}
 _UNSUPPORTED_NAMES = {
-    6: "FULL_OPENCV",
     7: "FOV",
     10: "THIN_PRISM_FISHEYE",
     11: "RAD_TAN_THIN_PRISM_FISHEYE",
@@ -79,6 +87,18 @@ def unsupported(model: str | int, supported: Iterable[str] = READ_MODELS) -> str
     return f"camera model {name} is not supported: must be one of {', '.join(supported)}{remedy}"
 
 
+def has_divisor(model: str, params: list[float]) -> bool:
+    """Whether the radial factor of a camera is a fraction, which the perspective model cannot hold."""
+    named = dict(zip(READ_MODELS[model].params, params, strict=True))
+    return any(named.get(name, 0.0) != 0.0 for name in _DIVISOR)
+
+
+DIVISOR_RULE = (
+    "FULL_OPENCV divides by 1 + k4 r² + k5 r⁴ + k6 r⁶: k4, k5 and k6 must be 0; COLMAP's image_undistorter "
+    "makes a PINHOLE model of it"
+)
+
+
 def models_of(problem: Problem) -> Mapping[str, ColmapModel]:
     """Models that may hold the cameras of a problem, the smallest first."""
     return FISHEYE_MODELS if is_fisheye(problem) else MODELS
@@ -95,6 +115,7 @@ def intrinsics_from_params(models: list[str], params: list[list[float]]) -> tupl
     for row, (name, numbers) in enumerate(zip(models, params, strict=True)):
         model = READ_MODELS[name]
         named = dict(zip(model.params, numbers, strict=True))
+        named = {param: value for param, value in named.items() if param not in _DIVISOR}
         if model.has_aspect:
             named["aspect"] = float(np.float64(named.pop("fy")) / named["f"])
         values[row, perspective_columns(*named)] = list(named.values())
@@ -105,5 +126,5 @@ def intrinsics_from_params(models: list[str], params: list[list[float]]) -> tupl
 def params_from_intrinsics(name: str, values: FloatArray) -> list[float]:
     """Parameters of that COLMAP model for one row of perspective intrinsics."""
     named = dict(zip(PERSPECTIVE, values.tolist(), strict=True))
-    named["fy"] = named["f"] * named["aspect"]
+    named |= {"fy": named["f"] * named["aspect"], **dict.fromkeys(_DIVISOR, 0.0)}
     return [named[param] for param in READ_MODELS[name].params]

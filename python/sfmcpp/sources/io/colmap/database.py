@@ -18,8 +18,10 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.io.checks import LARGEST_COUNT, fault_of_image_name
 from sfmcpp.sources.io.colmap.camera_models import (
+    DIVISOR_RULE,
     MODELS,
     NAME_OF_NUMBER,
+    has_divisor,
     intrinsics_from_params,
     unsupported,
 )
@@ -167,6 +169,8 @@ class _Reader:
             focals = numbers[: 2 if MODELS[name].has_aspect else 1]
             if not (_are_plausible(numbers).all() and (focals >= _LEAST_FOCAL_PX).all()):
                 raise self._error(f"{what}: parameters {numbers.tolist()} are impossible")
+            if has_divisor(name, numbers.tolist()):
+                raise self._error(f"{what}: {DIVISOR_RULE}")
             row = intrinsics_from_params([name], [numbers.tolist()])[0][0]
             yield camera, ((width, height), DatabaseCamera(camera, name, row), bool(known))
 

@@ -9,7 +9,13 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.metadata import SECOND_SIGHTINGS, keypoint_entries
 from sfmcpp.sources.io.checks import finite_rows, first_duplicate
-from sfmcpp.sources.io.colmap.camera_models import FISHEYE_MODELS, READ_MODELS, intrinsics_from_params
+from sfmcpp.sources.io.colmap.camera_models import (
+    DIVISOR_RULE,
+    FISHEYE_MODELS,
+    READ_MODELS,
+    has_divisor,
+    intrinsics_from_params,
+)
 from sfmcpp.sources.io.colmap.fisheye import FISHEYE
 from sfmcpp.sources.io.colmap.tables import (
     LARGEST_ID,
@@ -72,6 +78,8 @@ def _intrinsics(cameras: CameraTable) -> tuple[FloatArray, BoolArray]:
     models = [READ_MODELS[name] for name in cameras.models]
     good = [not m.has_aspect or numbers[0] != 0 for m, numbers in zip(models, cameras.params, strict=True)]
     cameras.require(np.array(good, dtype=np.bool_), "fx must not be 0")
+    whole = [not has_divisor(name, row) for name, row in zip(cameras.models, cameras.params, strict=True)]
+    cameras.require(np.array(whole, dtype=np.bool_), DIVISOR_RULE)
     with np.errstate(all="ignore"):
         values, fixed = intrinsics_from_params(cameras.models, cameras.params)
     cameras.require(finite_rows(values), "the ratio of the focal lengths is not finite")

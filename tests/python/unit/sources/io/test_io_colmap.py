@@ -211,7 +211,7 @@ def test_the_smallest_model_with_all_free_parameters_is_taken(
     assert set(read(tmp_path / "new").metadata.extra["colmap_camera_models"]) == {model}
 
 
-@pytest.mark.parametrize(("name", "format"), [("skew", "colmap-text"), ("k3", "colmap-binary")])
+@pytest.mark.parametrize(("name", "format"), [("skew", "colmap-text"), ("k4", "colmap-binary")])
 def test_intrinsics_without_a_place_are_refused_by_name(tmp_path: Path, name: str, format: str) -> None:
     problem = random_problem(7, "perspective", {"f": 900, name: 0.5}, least=3)
     with pytest.raises(DatasetError, match=rf"intrinsics\[0\]: no supported .*{name} = "):
@@ -339,7 +339,7 @@ def test_damaged_binary_is_refused(tmp_path: Path, name: str, damage: object, re
     assert error.path == str(path)
 
 
-@pytest.mark.parametrize(("number", "model"), [(6, "FULL_OPENCV"), (13, "DIVISION"), (17, "EQUIRECTANGULAR")])
+@pytest.mark.parametrize(("number", "model"), [(7, "FOV"), (13, "DIVISION"), (17, "EQUIRECTANGULAR")])
 def test_an_unsupported_binary_camera_model_is_named(tmp_path: Path, number: int, model: str) -> None:
     write(read(small_model(tmp_path)), tmp_path / "new")
     path = tmp_path / "new" / "cameras.bin"

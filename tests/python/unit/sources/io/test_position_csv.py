@@ -61,7 +61,7 @@ def test_one_deviation_is_that_of_all_axes(tmp_path: Path, title: str) -> None:
 
 def test_images_without_names_are_numbered_by_index_or_line(tmp_path: Path) -> None:
     by_index = read_position_csv(written(tmp_path, "index,x,y,z\n4,1,2,3\n0,,,\n"), numbered=True)
-    assert by_index.by_number
+    assert by_index.named_by == "index"
     assert by_index.positions == {"4": (1.0, 2.0, 3.0)}
     by_line = read_position_csv(written(tmp_path, "x,y,z\n1,2,3\n,,\n7,8,9\n"), numbered=True)
     assert by_line.positions == {"0": (1.0, 2.0, 3.0), "2": (7.0, 8.0, 9.0)}

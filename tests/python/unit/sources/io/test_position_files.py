@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.position_csv import NamedPositions, read_position_csv
+from sfmcpp.sources.io.named_positions import NamedPositions
+from sfmcpp.sources.io.position_csv import read_position_csv
 from sfmcpp.sources.io.position_files import GivenPositions, write_positions
 
 NAMED = NamedPositions({"a, b.jpg": (46.123456789012345, 9.25, 12.5), "Höhe.jpg": (46.5, -9.25, 0.1)}, True)

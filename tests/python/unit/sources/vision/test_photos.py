@@ -297,6 +297,44 @@ def test_without_pillow_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
         open_photos(tmp_path)
 
 
+def packet(flag: str = "50", east: str = "0.012", element: bool = False) -> bytes:
+    """An XMP packet as RTK drones write it."""
+    told = {"RtkFlag": flag, "RtkStdLon": east, "RtkStdLat": "0.014", "RtkStdHgt": "0.025"}
+    pieces = (
+        f"<drone-dji:{k}>{v}</drone-dji:{k}>" if element else f'drone-dji:{k}="{v}"' for k, v in told.items()
+    )
+    return f"<x:xmpmeta>{' '.join(pieces)}</x:xmpmeta>".encode()
+
+
+@pytest.mark.parametrize(
+    ("xmp", "sigmas"),
+    [
+        (packet(), (0.012, 0.014, 0.025)),
+        (packet(element=True), (0.012, 0.014, 0.025)),
+        (packet(flag="16", east="+1.500"), (1.5, 0.014, 0.025)),
+        (packet(flag="0"), None),
+        (packet(east="0.0"), None),
+        (packet(east="nan"), None),
+        (b"<x:xmpmeta></x:xmpmeta>", None),
+    ],
+)
+@pytest.mark.parametrize("positioned", [True, False])
+def test_the_accuracy_of_the_position_is_that_of_the_xmp_packet(
+    tmp_path: Path, xmp: bytes, sigmas: tuple[float, ...] | None, positioned: bool
+) -> None:
+    exif = Image.Exif()
+    exif.get_ifd(0x8825).update(
+        gps((46, 30, 36.0), (8, 15, 0.0), height=1200.5, below=b"\0") if positioned else {}
+    )
+    Image.fromarray(SMALL).save(tmp_path / "a.jpg", exif=exif)
+    whole = (tmp_path / "a.jpg").read_bytes()
+    segment = b"http://ns.adobe.com/xap/1.0/\0" + xmp
+    # Behind the start of the image.
+    size = (len(segment) + 2).to_bytes(2, "big")
+    (tmp_path / "a.jpg").write_bytes(whole[:2] + b"\xff\xe1" + size + segment + whole[2:])
+    assert only(tmp_path).position_sigmas_m == (sigmas if positioned else None)
+
+
 @pytest.mark.real
 def test_drone_photos_tell_their_focal_length_and_place(data_dir: Path) -> None:
     photos = open_photos(data_dir / "drone_beach" / "images").photos
