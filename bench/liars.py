@@ -7,7 +7,8 @@ frames each. A line for each fault: median and worst of `over none` of bench/dri
 and in how many runs a warning named a sensor. Fault-free sensors come first: their warnings are false alarms.
 Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run, or all of it where that
 is said; a smooth slip grows to its factor and falls again; stamps late by as many seconds and a mounting
-turned about the vertical by 5° are wrong all the time, and the same for both sensors.
+turned about the vertical are wrong all the time, and the same for both sensors; reversed velocities have the
+wrong signs all the time.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ FAULTS: dict[str, dict[str, float]] = {
     **{f"slip {factor}": {"slip": factor} for factor in (0.6, 0.8, 0.9, 1.1, 1.4)},
     **{f"smooth slip {factor}": {"slip": factor, "smooth": True} for factor in (0.6, 0.8, 0.9, 1.1, 1.4)},
     **{f"clock {late_s}": {"clock": late_s} for late_s in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)},
-    **{f"mounting {angle_deg}": {"mounting": angle_deg} for angle_deg in (-5.0, 5.0)},
+    **{f"mounting {angle_deg}": {"mounting": angle_deg} for angle_deg in (-5.0, 5.0, 15.0, 90.0)},
+    "reversed": {"slip": -1.0, "throughout": True},
 }
 # The sensor that a fault does not touch; all others are faults of both.
 _UNTOUCHED = {"bias": "odometer", "slip": "imu"}

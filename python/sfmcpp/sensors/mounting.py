@@ -25,6 +25,9 @@ _LEAST_RAD, _SIGMAS = float(np.radians(2.5)), 4.0
 # Standard deviation of a median over the median of the length of two standard normal numbers, times the root
 # of their number.
 _MEDIAN_ERROR = 1.06
+# Where the cosine of this share of the steps is lower, they point back. No rotation between opposite
+# directions is the shortest: that about the camera's vertical keeps the vertical part of each.
+_SHARE_OPPOSED, _OPPOSED, _HALF_TURN = 0.7, -0.7, np.diag([-1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,16 +107,25 @@ def find_misalignment(steps: FloatArray, directions: FloatArray) -> FloatArray |
     -------
     (3, 3) float64 or None
         Rotation true_from_declared of the camera's axes, as far as the steps tell it: not about the way.
+        Where they point back it contains a half-turn about the camera's y axis.
         None where they are fewer than six, or the camera is turned by no more than they may be off.
     """
     lengths = np.linalg.norm(steps, axis=1)
     moves = lengths > 0
     if np.count_nonzero(moves) < _FEWEST_STEPS:
         return None
-    ways = steps[moves] / lengths[moves, None]
-    turns = np.cross(ways, directions[moves])  # as long as the sines of their angles
+    ways, seen = steps[moves] / lengths[moves, None], directions[moves]
+    if np.quantile(np.sum(ways * seen, axis=1), _SHARE_OPPOSED) < _OPPOSED:
+        turn = _turn_between(ways @ _HALF_TURN.T, seen)
+        return _HALF_TURN if turn is None else turn @ _HALF_TURN
+    return _turn_between(ways, seen)
+
+
+def _turn_between(ways: FloatArray, seen: FloatArray) -> FloatArray | None:
+    """The rotation (3, 3) that brings some unit vectors (n, 3) to others; None if it is insignificant."""
+    turns = np.cross(ways, seen)  # as long as the sines of their angles
     turn = np.median(turns, axis=0)
     scatter = float(np.median(np.linalg.norm(turns - turn, axis=1)))
     least = max(_LEAST_RAD, _SIGMAS * _MEDIAN_ERROR * scatter / np.sqrt(len(turns)))
-    sine, cosine = np.linalg.norm(turn), np.median(np.sum(ways * directions[moves], axis=1))
+    sine, cosine = np.linalg.norm(turn), np.median(np.sum(ways * seen, axis=1))
     return so3.exp(turn * (np.arctan2(sine, cosine) / sine)) if sine > least else None

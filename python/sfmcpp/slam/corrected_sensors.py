@@ -17,8 +17,9 @@ def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[Mo
     """The sensors as they should have been from the start.
 
     They are on the camera's clock and mounting, without biases and slips, and without what a sensor of motion
-    measured while the images contradicted it. Positions and poses keep all samples: a map drifts off them by
-    itself, and would not return without them.
+    measured while the images contradicted it: not at once where a mounting was wrong, as conflicts may come
+    from that. Positions and poses keep all samples: a map drifts off them by itself, and would not return
+    without them.
 
     Parameters
     ----------
@@ -34,8 +35,9 @@ def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[Mo
     """
     sensors.refine_clocks(vision)
     turns = misaligned_odometers(sensors)
-    # A dead or slipping odometer bends the map: conflicts then say nothing against the other sensors.
-    wrong = dead_odometers(sensors, sensors.turns) or ({} if sensors.slips else _denied_stretches(sensors))
+    # A dead, slipping or misaligned odometer bends the map: conflicts then say nothing against sensors.
+    is_bent = turns or sensors.slips
+    wrong = dead_odometers(sensors, sensors.turns) or ({} if is_bent else _denied_stretches(sensors))
     if not {*wrong, *turns, *sensors.moved_s, *sensors.biases, *sensors.slips}:
         return None
     kept = []

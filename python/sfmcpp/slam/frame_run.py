@@ -16,6 +16,8 @@ from sfmcpp.slam.slam import Slam
 from sfmcpp.sources.frames import FrameSource
 
 Listener = Callable[[int, SlamResult], object]
+# Once with a wrong mounting corrected, once without what images deny even then.
+_MOST_RESTARTS = 2
 
 
 def run_slam(
@@ -30,7 +32,7 @@ def run_slam(
 
     If the run finds a sensor wrong (its clock, a bias, its measurements for a while), that has bent the map
     by then: it is begun again with corrected sensors. The second run is kept if it finds nothing wrong any
-    more, and warnings say so.
+    more, and warnings say so. After a wrong mounting, what is wrong even then is corrected by a third.
 
     Parameters
     ----------
@@ -96,21 +98,42 @@ def ends_run(callback: Listener | None, frame: int, result: SlamResult) -> bool:
 def _repeated_with_corrections(
     slam: Slam, source: FrameSource, frames: Sequence[Frame], callback: Listener | None
 ) -> Slam:
-    """The run once more with corrected sensors, if it has found anything wrong.
+    """The run once more with corrected sensors, if it has found anything wrong; twice after a wrong mounting.
 
     That is kept if it finds nothing wrong any more; otherwise the images were wrong, as on a motorway.
     """
-    sensors = slam.in_hindsight() if slam.settings.hindsight else None
-    if sensors is None:
-        return slam
+    latest, sensors = slam, slam.in_hindsight() if slam.settings.hindsight else None
+    warnings = list(slam.result.warnings)
+    for _ in range(_MOST_RESTARTS):
+        if sensors is None:
+            break
+        again = _run_again(latest, source, frames, sensors, callback)
+        if again is None:
+            break
+        sensors = again.in_hindsight()
+        if sensors is None:
+            # Its own warnings are of samples that the corrections took away.
+            again.result.warnings = [*warnings, "the run was begun again without what was wrong"]
+            return again
+        if not latest.has_wrong_mounting:
+            break
+        latest = again
+        warnings += [told for told in again.result.warnings if told not in warnings]
+    return slam
+
+
+def _run_again(
+    slam: Slam,
+    source: FrameSource,
+    frames: Sequence[Frame],
+    sensors: Sequence[MotionSensor],
+    callback: Listener | None,
+) -> Slam | None:
+    """A run over the same frames with other sensors; None if the callback ends it, or it has no map."""
     again = Slam(source.intrinsics, slam.settings, sensors)
     for frame in frames:
         again.step(frame)
         if ends_run(callback, frame.number, again.result):
-            return slam
+            return None
     again.finish()
-    if again.result.world is None or again.in_hindsight() is not None:
-        return slam
-    # Its own warnings are of samples that the corrections took away.
-    again.result.warnings = [*slam.result.warnings, "the run was begun again without what was wrong"]
-    return again
+    return None if again.result.world is None else again

@@ -37,6 +37,7 @@ from sfmcpp.slam.sensor_faults import (
     faults_of_run,
     faults_of_streams,
     faults_so_far,
+    misaligned_odometers,
 )
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
@@ -208,6 +209,11 @@ class Slam:
         if not self.settings.trusts_declared or len(self.result.poses) < 2:
             return None
         return corrected_in_hindsight(self._sensors, self.result.seen_trajectory())
+
+    @property
+    def has_wrong_mounting(self) -> bool:
+        """Whether the directions of an odometer contradict its mounting."""
+        return bool(misaligned_odometers(self._sensors))
 
     def _require_next(self, frame: Frame) -> None:
         if self._finished:

@@ -88,6 +88,15 @@ def test_wrong_axes_are_found_with_their_whole_angle(turned_deg: float) -> None:
     np.testing.assert_allclose(turned, [0.0, turned_deg, 0.0], atol=4.0)
 
 
+@pytest.mark.parametrize("turned_deg", [0.0, 10.0, -30.0])
+def test_reversed_steps_are_a_half_turn_about_the_vertical(turned_deg: float) -> None:
+    steps, seen = steps_and_directions(turned_deg, 60)
+    found = find_misalignment(steps * [-1.0, 1.0, -1.0], seen)
+    assert found is not None
+    rest = Rotation.from_matrix(found) * Rotation.from_rotvec([0.0, np.pi, 0.0])
+    np.testing.assert_allclose(rest.as_rotvec(degrees=True), [0.0, turned_deg, 0.0], atol=2.5)
+
+
 @pytest.mark.parametrize(("turned_deg", "count"), [(0.0, 30), (1.5, 30), (5.0, 5), (5.0, 0)])
 def test_little_and_few_steps_are_no_misalignment(turned_deg: float, count: int) -> None:
     assert find_misalignment(*steps_and_directions(turned_deg, count)) is None

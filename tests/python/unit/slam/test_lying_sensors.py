@@ -158,10 +158,10 @@ def test_what_does_not_explain_all_is_not_kept(monkeypatch: pytest.MonkeyPatch) 
     np.testing.assert_array_equal(kept.trajectory().poses, once.trajectory().poses)
 
 
-def on_a_turned_camera(odometer: SensorStream) -> Odometer:
-    """Velocities, of a mounting that says five degrees too much."""
+def on_a_turned_camera(odometer: SensorStream, turned_deg: float = 5.0) -> Odometer:
+    """Velocities, of a mounting that says so many degrees too much."""
     velocity = replace(odometer, values=odometer.values * [0.0, 0.0, 1.0], kind="velocity")
-    turned = Mounting(Rotation.from_rotvec([0.0, np.radians(5.0), 0.0]).as_matrix(), np.zeros(3))
+    turned = Mounting(Rotation.from_rotvec([0.0, np.radians(turned_deg), 0.0]).as_matrix(), np.zeros(3))
     return Odometer(velocity, mounting=turned)
 
 
@@ -195,3 +195,31 @@ def test_an_odometer_on_a_camera_that_is_turned_is_told_and_set_right() -> None:
     assert float(degrees[1]) == pytest.approx(5.0, abs=1.0)
     assert "begun again" in begun_again
     assert drive.errors(again)[0] < 0.7 * drive.errors(once)[0]
+
+
+@pytest.mark.parametrize("turned_deg", [20.0, 90.0, 180.0])
+def test_a_wrong_mounting_does_not_cost_the_odometer(turned_deg: float) -> None:
+    """Images deny it because of the mounting: it is heard once that is right."""
+    drive = winding()
+    right, wrong = (on_a_turned_camera(drive.odometer, angle) for angle in (0.0, turned_deg))
+    faultless, mended = (run_slam(drive.sequence, sensors=[odometer]) for odometer in (right, wrong))
+    assert "check the declared mounting" in mended.warnings[0]
+    assert "disagrees with the images" in mended.warnings[1]
+    assert "begun again" in mended.warnings[-1]
+    heard, mended_heard = (
+        sum(record.weights.get("odometer", 0.0) > 0 for record in result.records)
+        for result in (faultless, mended)
+    )
+    assert mended_heard > 0.9 * heard
+    assert drive.errors(mended)[0] < 1.2 * drive.errors(faultless)[0]
+
+
+def test_what_is_wrong_beside_a_wrong_mounting_is_taken_away_by_a_second_restart() -> None:
+    drive = winding()
+    odometer = on_a_turned_camera(drive.odometer, 20.0)
+    gyro = Gyroscope(lying(drive.gyro, yaw_rad_s=float(np.radians(15))), AT_CAMERA)
+    result = run_slam(drive.sequence, sensors=[odometer, gyro])
+    assert "check the declared mounting" in result.warnings[0]
+    assert result.warnings[-1] == "the run was begun again without what was wrong"
+    assert during(result, "gyro", "weights") == []
+    assert len(during(result, "odometer", "weights")) >= 3
