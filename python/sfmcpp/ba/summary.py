@@ -296,11 +296,14 @@ class Summary:
         """The same as a table, for notebooks."""
         return html_table(self._rows())
 
+    def describe_steps(self) -> str:
+        """How many steps were tried, accepted, and made with the intrinsics held."""
+        steps = self.iterations[1:]
+        held = sum(i.intrinsics_held for i in steps)
+        told = f", {held} with intrinsics held" if held else ""
+        return f"{len(steps)} ({sum(i.accepted for i in steps)} accepted{told})"
+
     def _rows(self) -> list[tuple[str, str]]:
-        accepted = sum(i.accepted for i in self.iterations[1:])
-        tried = max(len(self.iterations) - 1, 0)
-        steps_held = sum(i.intrinsics_held for i in self.iterations)
-        held = f", {steps_held} with intrinsics held" if steps_held else ""
         rows = [
             ("cost", f"{self.initial_cost:.6e} → {self.final_cost:.6e}"),
             *(
@@ -310,7 +313,7 @@ class Summary:
             *((f"weight of {chosen.name!r}", chosen.describe()) for chosen in self.group_weights),
             (f"RMS [{self.rms_unit}]", f"{self.initial_rms_px:.6g} → {self.final_rms_px:.6g}"),
             ("termination", f"{self.termination}: {self.message.removeprefix('interrupted; ')}"),
-            ("iterations", f"{tried} ({accepted} accepted{held})"),
+            ("iterations", self.describe_steps()),
             ("method", f"{self.method}, line search {self.line_search}, point steps {self.point_steps}"),
             ("linear solver", f"{self.linear_solver}, {self.threads} thread{'s' * (self.threads != 1)}"),
             ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self.loss_scale_px:.4g} px"),

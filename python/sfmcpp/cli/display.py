@@ -93,11 +93,10 @@ def _size(source: Path, size: ProblemSize) -> Iterator[Row]:
 
 def _result(summary: Summary) -> Iterator[Row]:
     words, style = TERMINATIONS[summary.termination]
-    accepted = sum(iteration.accepted for iteration in summary.iterations[1:])
     yield "cost", f"{summary.initial_cost:.6e} → {summary.final_cost:.6e}"
     yield f"RMS [{summary.rms_unit}]", f"{summary.initial_rms_px:.6g} → {summary.final_rms_px:.6g}"
     yield "termination", Text(words, style=style).append(f": {summary.message}", style="default")
-    yield "iterations", f"{max(len(summary.iterations) - 1, 0)} ({accepted} accepted)"
+    yield "iterations", summary.describe_steps()
 
 
 def _method_text(summary: Summary, seconds_read: float) -> Iterator[Row]:

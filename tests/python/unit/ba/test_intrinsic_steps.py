@@ -44,6 +44,7 @@ def test_held_intrinsics_stay_as_they_are() -> None:
     before = start.intrinsics.copy()
     summary = sfmcpp.solve(start, max_iterations=2)
     assert held_steps(summary) == [False, True, True]
+    assert summary.describe_steps() == "2 (2 accepted, 2 with intrinsics held)"
     np.testing.assert_allclose(start.intrinsics[:, 0], before[:, 0], rtol=1e-4)
 
 
