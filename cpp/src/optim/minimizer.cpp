@@ -170,7 +170,7 @@ class Minimizer {
   // The same step with the intrinsics held, if it leads further down; then the next ones, too. Not
   // after a step of all unknowns was taken: focal lengths that it has moved far may need it.
   void try_to_hold_intrinsics() {
-    Candidate of_all = trial_.candidate();
+    StepCandidate of_all = trial_.candidate();
     const StepResult result_of_all = result_;
     Iteration now_of_all = now_;
     set_intrinsics_held(true);

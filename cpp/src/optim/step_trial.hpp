@@ -14,7 +14,7 @@ namespace sfmcpp::optim {
 
 class ModelLine;
 
-struct Candidate {
+struct StepCandidate {
   State state;
   double cost = 0.0;
   double unit_cost = 0.0;  // of the step at unit length, from which the strategy learns
@@ -32,7 +32,7 @@ class StepTrial {
   // whose cost is `cost`, and notes in `now` what was done.
   void evaluate(const State& start, double cost, const linear::Step& step, Iteration& now);
 
-  Candidate& candidate() { return candidate_; }
+  StepCandidate& candidate() { return candidate_; }
 
  private:
   bool lowers_the_cost() const { return candidate_.cost < cost_; }
@@ -51,7 +51,7 @@ class StepTrial {
   GeodesicAcceleration acceleration_;
   PointSteps point_steps_;
   double cost_ = 0.0;  // at the start of the step
-  Candidate candidate_;
+  StepCandidate candidate_;
   State trial_;  // room for a line search or an acceleration
 };
 
