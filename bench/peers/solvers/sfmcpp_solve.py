@@ -20,7 +20,7 @@ class Sfmcpp(InProcessPeer):
 
     name = "sfmcpp"
     title = "sfmcpp"
-    package = "sfmcpp"
+    package = "sfmcpp._public"  # all of it: the package loads its parts when they are first used
 
     def variants(self, threads: int) -> list[Variant]:
         """As it comes: the linear solver is its own choice."""
