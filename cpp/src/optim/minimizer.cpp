@@ -27,8 +27,7 @@ class Minimizer {
         stops_(events, options.termination, clock, model.normal_equations().exchange()),
         state_(state),
         strategy_(make_step_strategy(options)),
-        trial_(model, solver, options, state),
-        may_hold_intrinsics_(holds_intrinsics(options)) {}
+        trial_(model, solver, options, state) {}
 
   MinimizerSummary run(const Resumption* resumed) {
     start();
@@ -57,7 +56,6 @@ class Minimizer {
     archive.keep(summary_.iterations);
     archive.keep(cost_);
     archive.keep(largest_prediction_);
-    archive.keep(may_hold_intrinsics_);
     archive.keep(holds_intrinsics_);
     strategy_->keep(archive);
     model_.keep(archive);
@@ -163,8 +161,13 @@ class Minimizer {
   }
 
   bool holding_intrinsics_is_due() {
-    return may_hold_intrinsics_ && !holds_intrinsics_ && result_.valid &&
+    return holds_intrinsics(options_) && !holds_intrinsics_ && !has_moved() && result_.valid &&
            model_.moves_intrinsics_far(state_, trial_.candidate().state);
+  }
+
+  bool has_moved() const {
+    const auto& past = summary_.iterations;  // the first of them is the start
+    return std::any_of(past.begin() + 1, past.end(), [](auto& i) { return i.accepted; });
   }
 
   // The same step with the intrinsics held, if it leads further down; then the next ones, too. Not
@@ -200,12 +203,10 @@ class Minimizer {
   bool intrinsics_can_be_freed() const {
     if (!holds_intrinsics_) return false;
     if (finished_) return !is_of_a_stop(summary_.termination);
-    const double before = summary_.iterations.back().cost;
-    return now_.accepted && before - cost_ <= kPosesHaveSettled * before;
+    return gained_at_most(kPosesHaveSettled);
   }
 
   void free_intrinsics() {
-    may_hold_intrinsics_ = false;
     set_intrinsics_held(false);
     begin_stage();
   }
@@ -216,7 +217,6 @@ class Minimizer {
   void accept() {
     const double decrease = cost_ - trial_.candidate().cost;
     std::swap(state_, trial_.candidate().state);
-    may_hold_intrinsics_ = holds_intrinsics_;
     model_.normalize(state_);
     update_strategy();
     cost_ = trial_.candidate().cost;
@@ -261,8 +261,13 @@ class Minimizer {
 
   bool has_settled() const {
     if (finished_) return converged();
+    return gained_at_most(kSettled);
+  }
+
+  // Whether the step was taken, for a decrease of no more than this share of the cost.
+  bool gained_at_most(double share) const {
     const double before = summary_.iterations.back().cost;
-    return now_.accepted && before - cost_ <= kSettled * before;
+    return now_.accepted && before - cost_ <= share * before;
   }
 
   // Another cost, or other unknowns, is another problem: what was learned from steps belongs to the
@@ -358,7 +363,6 @@ class Minimizer {
   State& state_;
   std::unique_ptr<StepStrategy> strategy_;
   StepTrial trial_;
-  bool may_hold_intrinsics_;  // until the first step that is taken
   bool holds_intrinsics_ = false;
 
   linear::Step step_;
