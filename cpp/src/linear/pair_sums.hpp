@@ -28,21 +28,25 @@ inline Eight column_of(Eight record) {
   return Eight(shuffled<k, k, 4 + k, 4 + k, k, k, 4 + k, 4 + k>(record.v, record.v));
 }
 
-// −t of an observation (unwhiten), as `coefficients` reads it: the k-th numbers of both rows in
-// turn, four times.
-inline void spread(const double* t, double* out) {
-  for (int k = 0; k < 3; ++k) {
-    for (int lane = 0; lane < 8; lane += 2) {
-      out[8 * k + lane] = -t[k];
-      out[8 * k + lane + 1] = -t[3 + k];
-    }
-  }
+// −t of an observation (unwhiten), as `coefficients` reads it: column after column.
+inline void store_columns(const double* t, double* out) {
+  const Eight columns(Eight::Vector{-t[0], -t[3], -t[1], -t[4], -t[2], -t[5], 0.0, 0.0});
+  store(out, columns);
+}
+
+// Column k of −t four times.
+template <int k>
+inline Eight repeated_column(Eight columns) {
+  constexpr int kFirst = 2 * k, kSecond = 2 * k + 1;
+  return Eight(shuffled<kFirst, kSecond, kFirst, kSecond, kFirst, kSecond, kFirst, kSecond>(
+      columns.v, columns.v));
 }
 
 // Lane 2 s + r: −t_r · A_s, with row r of the first observation and row s of the second.
-inline Eight coefficients(const double* spread_t, Eight record) {
-  return load<8>(spread_t) * column_of<0>(record) + load<8>(spread_t + 8) * column_of<1>(record) +
-         load<8>(spread_t + 16) * column_of<2>(record);
+inline Eight coefficients(Eight columns, Eight record) {
+  return repeated_column<0>(columns) * column_of<0>(record) +
+         repeated_column<1>(columns) * column_of<1>(record) +
+         repeated_column<2>(columns) * column_of<2>(record);
 }
 
 // out = x · first + y · second, with equal lanes in x and in y.
@@ -64,10 +68,11 @@ inline void combine(const Row<D, kFirst>& first,
 template <int D, class T>
 inline void add_pair(const Stored<D, T>& stored,
                      const ObservationPair& pair,
-                     const double* spread_t,
+                     const double* columns_of_t,
                      Block<D>& block) {
   const Rows<D> rows(stored.j(pair.first));
-  const Eight c = coefficients(spread_t, load<8>(stored.record(pair.second).row[0].by_point));
+  const Eight c =
+      coefficients(load<8>(columns_of_t), load<8>(stored.record(pair.second).row[0].by_point));
   const Widened<D, T> j(stored.j(pair.second));
   Row<D> weighted;
   combine(rows.first, rows.second, broadcast<0>(c), broadcast<1>(c), weighted);
@@ -85,7 +90,7 @@ void sum_pairs(const PairSums& in) {
     double g[6], t[6];
     whiten(stored.record(a), m, g);
     unwhiten(g, m, t);
-    spread(t, in.whitened + kWhitenedNumbers * static_cast<long>(a - in.begin));
+    store_columns(t, in.whitened + kWhitenedNumbers * static_cast<long>(a - in.begin));
   }
   Row<D> middles;
   set_zero(middles);
@@ -103,9 +108,9 @@ void sum_pairs(const PairSums& in) {
       const long ahead = q + kPairsAhead;
       stored.prefetch(in.pairs[ahead < last ? ahead : last].second);
       const ObservationPair& pair = in.pairs[q];
-      const double* spread_t =
+      const double* columns_of_t =
           in.whitened + kWhitenedNumbers * static_cast<long>(pair.first - in.begin);
-      add_pair(stored, pair, spread_t, block);
+      add_pair(stored, pair, columns_of_t, block);
     }
     if (grid != nullptr) lower(middles, grid, block);
     store_block(block, sum);

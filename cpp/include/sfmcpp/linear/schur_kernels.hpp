@@ -59,7 +59,7 @@ struct ObservationPair {
 };
 
 // Numbers that sums of pairs keep for each observation of camera i.
-inline constexpr int kWhitenedNumbers = 24;
+inline constexpr int kWhitenedNumbers = 8;
 
 // What observations of a camera i add to the blocks (i, j), j > i, of S, in panel layout.
 struct SchurRow {
