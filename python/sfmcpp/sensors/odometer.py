@@ -202,19 +202,20 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
     still = ways <= _DEAD_SHARE * np.quantile(ways, _USUAL)
     moving_s = t_s[speeds > _DEAD_SHARE * np.quantile(speeds, _USUAL)]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    return tuple(
+    found = [
         _between(stream, moving_s, 0.5 * (pairs[first].start_s + pairs[first].end_s))
         for first, end in edges.reshape(-1, 2).tolist()
         if end - first >= _FEWEST_PAIRS
-    )
+    ]
+    return tuple(stretch for stretch in found if stretch is not None)
 
 
-def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap:
-    """The samples about a time [s] from the first to the last that does not move."""
+def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap | None:
+    """The samples about a time [s] from the first to the last that does not move; None if all do there."""
     before_s = moving_s[moving_s < time_s].max(initial=-np.inf)
     after_s = moving_s[moving_s >= time_s].min(initial=np.inf)
     within = stream.t_s[(stream.t_s > before_s) & (stream.t_s < after_s)]
-    return Gap(float(within[0]), float(within[-1]))
+    return Gap(float(within[0]), float(within[-1])) if len(within) else None
 
 
 @checked()

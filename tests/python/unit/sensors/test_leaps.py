@@ -7,7 +7,7 @@ import pytest
 
 from sfmcpp import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import carried_over, doubtful_stretches, travelled_distance
+from sfmcpp.sensors import Turn, carried_over, dead_stretches, doubtful_stretches, travelled_distance
 
 
 def speeds(t_s: np.ndarray) -> np.ndarray:
@@ -96,6 +96,16 @@ def test_inertia_carries_a_speed_over_what_is_doubted() -> None:
     found, true, told = (travelled_distance(s, 20.0, 22.0) for s in (carried, honest, stream))
     assert found == pytest.approx(true, rel=0.06)
     assert told != pytest.approx(true, rel=0.3)
+
+
+def test_an_odometer_that_rocks_between_images_or_is_asked_over_unlike_times_is_not_dead() -> None:
+    t_s = np.arange(0, 40, 0.1)
+    rocking = np.where(t_s < 20, np.where(np.arange(len(t_s)) % 2, -1.0, 1.0), 10.0)
+    steps = [Turn(a, a + 0.2, np.eye(3)) for a in np.arange(0, 39, 0.2)]
+    assert dead_stretches(stream_of(t_s, rocking), steps) == ()
+    short = [Turn(a, a + 0.01, np.eye(3)) for a in np.arange(0, 10, 0.1)]
+    long = [Turn(a, a + 1.0, np.eye(3)) for a in np.arange(11.0, 30.0)]
+    assert dead_stretches(stream_of(t_s, np.full(len(t_s), 10.0)), [*short, *long]) == ()
 
 
 def test_distances_are_not_carried() -> None:
