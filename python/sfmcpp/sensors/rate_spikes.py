@@ -52,7 +52,7 @@ def rate_spikes(stream: SensorStream) -> NDArray[np.bool_]:
 
 @checked()
 def without_spikes(stream: SensorStream) -> SensorStream:
-    """The stream with the mean of its neighbours, spikes aside, in place of each spike; itself if there are none.
+    """The stream with the mean of its sound neighbours in place of each spike; itself if there are none.
 
     Parameters
     ----------
