@@ -82,6 +82,28 @@ def test_a_lie_from_the_second_sample_on_is_doubted() -> None:
     assert (found.start_s, found.end_s) == pytest.approx((0, 10), abs=0.25)
 
 
+@pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
+@pytest.mark.parametrize("noise_m_s", [0.0, 0.02])
+def test_a_wheel_that_blocks_is_doubted_until_it_turns_again(noise_m_s: float, kind: str) -> None:
+    t_s = np.arange(0, 60, 0.1)
+    blocked = (t_s >= 20) & (t_s < 23)
+    noise = noise_m_s * np.random.default_rng(0).normal(size=len(t_s))
+    wrong = np.abs(np.where(blocked, 0.0, speeds(t_s)) + noise)
+    along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
+    values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * wrong)}
+    (found,) = doubtful_stretches(stream_of(t_s, values[kind], kind))
+    assert found.start_s == pytest.approx(20, abs=0.25)
+    assert found.end_s == pytest.approx(23, abs=0.25)
+
+
+def test_a_stop_that_low_speeds_are_missing_from_is_not_doubted() -> None:
+    """An odometer that shows nothing below 1 m/s leaps to zero and back around a stop of twenty seconds."""
+    t_s = np.arange(0, 60, 0.1)
+    true = np.clip(np.abs(t_s - 30) - 10, 0, 5)
+    found = doubtful_stretches(stream_of(t_s, np.where(true < 1, 0.0, true)))
+    assert all(gap.end_s - gap.start_s < 0.31 for gap in found if gap.start_s < 39)
+
+
 def test_two_samples_tell_nothing() -> None:
     assert doubtful_stretches(stream_of(np.array([0.0, 0.1]), np.array([1.0, 30.0]))) == ()
 
