@@ -88,6 +88,14 @@ def test_large_track_numbers_and_any_order_give_the_same_poses(far: int) -> None
     assert all(np.array_equal(large.result.poses[k], pose) for k, pose in plain.result.poses.items())
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint32, np.uint64, np.int16])
+def test_track_numbers_may_be_of_any_integer_type(dtype: type) -> None:
+    slam = Slam(INTRINSICS)
+    for number, tracks in enumerate(([], [0, 7, 3], [2, 7])):
+        slam.step(Frame(number, 0.1 * number, View(np.array(tracks, dtype), np.zeros((len(tracks), 2)))))
+    assert list(slam.result.path.times) == [0, 1, 2]
+
+
 def _numbered(view: View, number_of: dict[int, int], far: int) -> View:
     """With tracks in the order of their coming."""
     tracks = [number_of.setdefault(track, len(number_of)) for track in view.tracks.tolist()]
