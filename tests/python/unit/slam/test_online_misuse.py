@@ -29,6 +29,26 @@ def test_intrinsics_in_another_order_are_refused(row: list[float], told: str) ->
         Slam(np.array(row))
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("triangulation_keyframes", 0),
+        ("triangulation_keyframes", 2.5),
+        ("keyframe_min_tracks", np.nan),
+        ("start_point_ratio", np.nan),
+        ("start_point_ratio", 2.0),
+        ("min_angle_deg", np.nan),
+        ("correct_drift", "no"),
+        ("correct_scale", None),
+        ("hindsight", "off"),
+        ("seed", -1),
+    ],
+)
+def test_settings_that_are_none_are_refused_by_name(name: str, value: object) -> None:
+    with pytest.raises(InvalidArgument, match=f"{name} = {value!r}"):
+        SlamSettings(**{name: value})  # type: ignore[arg-type]
+
+
 def test_a_frame_must_come_after_the_one_before() -> None:
     slam = Slam(INTRINSICS)
     slam.step(Frame(4, 1.0, VIEW))
