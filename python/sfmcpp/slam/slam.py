@@ -347,8 +347,8 @@ class Slam:
 
 
 def _require_same_run(state: State, run: dict[str, Any]) -> None:
-    known = state.get("run")
-    if known is None:
+    known = state.get("run") if isinstance(state, dict) else None
+    if not isinstance(known, dict) or known.keys() != run.keys():
         raise InvalidArgument("state: must be what state() of a run has given")
     for what in ("intrinsics", "settings"):
         if known[what] != run[what]:

@@ -155,8 +155,9 @@ def test_a_state_of_another_run_is_refused() -> None:
     ]:
         with pytest.raises(InvalidArgument, match=told):
             other.restore(state)
-    with pytest.raises(InvalidArgument, match=r"must be what state\(\)"):
-        Slam(INTRINSICS).restore({"frames": []})
+    for none in ({"frames": []}, {"run": {}}, None):
+        with pytest.raises(InvalidArgument, match=r"must be what state\(\)"):
+            Slam(INTRINSICS).restore(none)  # type: ignore[arg-type]
     Slam(INTRINSICS, sensors=[Odometer(SPEEDS)]).restore(state)
 
 
