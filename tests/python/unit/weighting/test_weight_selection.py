@@ -279,6 +279,16 @@ def test_a_mapping_weighs_some_groups_and_leaves_the_others(drift: tuple[Problem
     assert is_recovered(summary.group_weights[0], 0.02)
 
 
+def test_a_group_without_weight_does_not_change_the_weight_of_another(drift: tuple[Problem, Problem]) -> None:
+    start, truth = drift
+    alone = gps(truth, 0.1)
+    sfmcpp.solve(start.copy(), constraints=[alone], weight={"gps": "variance"})
+    beside, idle = gps(truth, 0.1), odometer(truth, 0.02, weight=0.0)
+    sfmcpp.solve(start.copy(), constraints=[beside, idle], weight={"gps": "variance"})
+    assert idle.weight == 0.0
+    assert beside.weight == pytest.approx(alone.weight, rel=0.02)
+
+
 def test_members_on_fixed_cameras_have_no_say(drift: tuple[Problem, Problem]) -> None:
     start = drift[0].copy()
     start.fixed_cameras[:5] = True
