@@ -346,6 +346,16 @@ def test_an_unknown_method_is_refused_with_the_known_ones(
         sfmcpp.solve(drift[0], constraints=[gps(drift[1], 0.1)], weight=weight)
 
 
+@pytest.mark.parametrize(("method", "views"), [("loo-approx", 2), ("k-fold", 3)])
+def test_points_of_too_few_views_leave_nothing_to_validate_by(method: str, views: int) -> None:
+    truth = sfmcpp.circle_scene(8, 60, pixel_sigma_px=1.0, seed=3)
+    order = np.argsort(truth.point_index, kind="stable")
+    ordered = truth.point_index[order]
+    few = truth.with_observations(order[np.arange(len(order)) - np.searchsorted(ordered, ordered) < views])
+    with pytest.raises(InvalidArgument, match=f"weight = '{method}': no point has {views + 1} observations"):
+        choose(few, gps(truth, 0.1), weight=method)
+
+
 def test_what_leaves_nothing_to_choose_from_is_refused(drift: tuple[Problem, Problem]) -> None:
     start, truth = drift
     before = start.cameras.copy()
