@@ -186,16 +186,19 @@ class SensorSuite:
         ]
         found = [(s, c) for s, c in zip(gyros, checks, strict=True) if c.is_off and c.agrees]
         self.in_time = all(c.is_determined and c.agrees and not c.is_off for c in checks)
-        return [self._set_clock(gyro, check) for gyro, check in found]
+        return [told for gyro, check in found for told in self._set_clock(gyro, check)]
 
-    def _set_clock(self, gyro: Gyroscope, check: RotationCheck) -> str:
+    def _set_clock(self, gyro: Gyroscope, check: RotationCheck) -> list[str]:
+        """A sentence for the clock that is set; none where it has just been set with that of another."""
         alike = [
             sensor.name
             for sensor in self.sensors
             if isinstance(sensor, STAMPED) and np.array_equal(sensor.stream.t_s, gyro.stream.t_s)
         ]
+        if not alike:
+            return []
         self.move_stamps(alike, check.offset_s)
-        return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
+        return [f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"]
 
     def move_stamps(self, names: Collection[str], offset_s: float) -> None:
         """Add `offset_s` to the stamps of the sensors of these names [s]."""
