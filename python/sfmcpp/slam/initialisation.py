@@ -229,6 +229,7 @@ def _cost_of_images(problem: Problem, groups: Sequence[ConstraintGroup]) -> floa
     """Adjust a problem with constraints; the robust cost of its pixels at the optimum."""
     loss, scale_px = LOCAL_LOSS
     summary = solve(problem, constraints=groups, threads=1, loss=loss, loss_scale_px=scale_px)
+    summary.require_uninterrupted()
     return float(summary.final_cost - sum(after for _, after in summary.constraint_costs.values()))
 
 
