@@ -134,7 +134,7 @@ class Odometer:
         self, start_s: float, end_s: float, rotation: FloatArray, turn: FloatArray | None = None
     ) -> Measurement | None:
         """Motion from the keyframe before; of the camera, if its `turn` start_from_end is given."""
-        step = self._step(start_s, end_s, turn)
+        step = self.step(start_s, end_s, turn)
         distance = self._distance(start_s, end_s, turn)
         if distance is None:
             return None
@@ -156,13 +156,14 @@ class Odometer:
         carried_m = _CARRIED_M_S2 * since_s * (end_s - start_s)
         return float(np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m]))
 
-    def _step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
+    def step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
+        """Step (3,) of the camera in its axes at the start [m], where its `turn` and mounting are known."""
         if self.mounting is None or turn is None:
             return None
         return camera_displacement(self._stream_without_leaps, start_s, end_s, self.mounting, turn)
 
     def _distance(self, start_s: float, end_s: float, turn: FloatArray | None) -> float | None:
-        step = self._step(start_s, end_s, turn)
+        step = self.step(start_s, end_s, turn)
         if step is not None:
             return float(np.linalg.norm(step))
         distance = travelled_distance(self._stream_without_leaps, start_s, end_s)
