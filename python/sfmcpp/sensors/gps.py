@@ -195,6 +195,19 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
     return np.stack([from_axis * np.cos(longitude), from_axis * np.sin(longitude), z], axis=1)
 
 
+def middle_of(geodetic: FloatArray) -> FloatArray:
+    """Median (3,) of latitudes, longitudes [deg] and heights [m] (n, 3), on either side of the 180th meridian."""
+    eastward = geodetic[:, 1] % 360.0
+    middle, across = np.median(geodetic, axis=0), float(np.median(eastward))
+    spread, spread_across = (
+        float(np.median(np.abs(longitudes - about)))
+        for longitudes, about in ((geodetic[:, 1], middle[1]), (eastward, across))
+    )
+    if spread_across < 0.5 * spread:  # not by rounding alone
+        middle[1] = (across + 180.0) % 360.0 - 180.0
+    return np.asarray(middle)
+
+
 def require_metres(rows: FloatArray) -> None:
     """Raise InvalidArgument if positions (n, 3) look like latitudes and longitudes, or like millimetres."""
     usual = np.median(rows, axis=0) if len(rows) else np.zeros(3)  # one that is lost may be anywhere

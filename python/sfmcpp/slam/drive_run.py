@@ -19,7 +19,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, local_positions
-from sfmcpp.sensors.gps import doubt_of_radians, require_metres
+from sfmcpp.sensors.gps import doubt_of_radians, middle_of, require_metres
 from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
 from sfmcpp.slam.result import SlamResult
@@ -290,7 +290,7 @@ def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
         require_metres(stream.values)
     if stream.kind != "geodetic":
         return Gps(stream, mounting, name)
-    middle = np.asarray(np.median(stream.values, axis=0))  # the first may be an outlier
+    middle = middle_of(stream.values)  # the first may be an outlier
     return Gps(local_positions(stream, middle), mounting, name, origin=WorldOrigin(middle, geodetic=True))
 
 
