@@ -116,7 +116,7 @@ class SlamRun:
         return f"SlamRun({str(self.drive.path)!r}{used}: {count['frames']} frames, {found})"
 
     def trajectory(self) -> Trajectory:
-        """All frames with a pose, in order."""
+        """All frames with a pose, in order; InvalidArgument, with the reason, if there is none."""
         return self.result.trajectory()
 
 
