@@ -196,7 +196,7 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
 
 
 def middle_of(geodetic: FloatArray) -> FloatArray:
-    """Median (3,) of latitudes, longitudes [deg] and heights [m] (n, 3), on either side of the 180th meridian."""
+    """Median (3,) of latitudes, longitudes [deg] and heights [m] (n, 3), on either side of longitude 180°."""
     eastward = geodetic[:, 1] % 360.0
     middle, across = np.median(geodetic, axis=0), float(np.median(eastward))
     spread, spread_across = (

@@ -346,7 +346,7 @@ class Slam:
         return self.result.world
 
 
-def _require_same_run(state: State, run: dict[str, Any]) -> None:
+def _require_same_run(state: object, run: dict[str, Any]) -> None:
     known = state.get("run") if isinstance(state, dict) else None
     if not isinstance(known, dict) or known.keys() != run.keys():
         raise InvalidArgument("state: must be what state() of a run has given")

@@ -222,7 +222,7 @@ class FitStatistics:
         judged = (views >= _LEAST_VIEWS)[self.problem.point_index]
         if not judged.any():
             raise InvalidArgument(
-                f"weight = 'loo-approx': no point has {_LEAST_VIEWS} observations, one to predict from the others"
+                f"weight = 'loo-approx': no point has {_LEAST_VIEWS} observations, one to predict from others"
             )
         without = np.eye(2) - self.linear.leverages()[judged]
         predicted = np.linalg.solve(without, self.linear.residuals[judged][:, :, None])
