@@ -40,8 +40,8 @@ _SAME_TURN_SIGMAS = 4.0
 # Points that one pair of left and right images must give to start a map by itself; some will be wrong.
 _FEWEST_OF_A_PAIR = 30
 # Images contradict rotations that raise their cost by so many standard deviations per degree of freedom.
-# Honest gyroscopes came to 4, as the error of a track lasts; a clock off by half a second came to 10 where it
-# turned the start by degrees.
+# Fault-free gyroscopes came to 4, as the error of a track lasts; a clock off by half a second came to 10
+# where it turned the start by degrees.
 _DENIED_SIGMAS = 5.0
 # Degrees of freedom of three cameras up to a similarity: 18 − 7.
 _FREEDOM_OF_CAMERAS = 11
