@@ -56,9 +56,18 @@ class SensorSuite:
     ----------
     sensors : sequence of MotionSensor
         May be empty. Of two that can tell the same, the first that covers the time is asked.
+
+    Raises
+    ------
+    InvalidArgument
+        If two have the same name, by which clocks, biases and conflicts are known.
     """
 
     def __init__(self, sensors: Sequence[MotionSensor] = ()) -> None:
+        names = [sensor.name for sensor in sensors]
+        for name in names:
+            if (count := names.count(name)) > 1:
+                raise InvalidArgument(f"sensors: {count} are named {name!r}, must have names of their own")
         # As they were given, and with their corrections.
         self.given = self.sensors = tuple(sensors)
         # Names of those that disagreed with the images at the latest keyframe.

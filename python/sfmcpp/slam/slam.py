@@ -85,8 +85,8 @@ class Slam:
     Raises
     ------
     InvalidArgument
-        If `intrinsics` has another length, f or the aspect is not positive, or the aspect is no ratio of
-        focal lengths.
+        If `intrinsics` has another length, f or the aspect is not positive, the aspect is no ratio of focal
+        lengths, or two sensors have the same name.
     """
 
     @checked(intrinsics=(ANY,))

@@ -49,6 +49,12 @@ def test_settings_that_are_none_are_refused_by_name(name: str, value: object) ->
         SlamSettings(**{name: value})  # type: ignore[arg-type]
 
 
+def test_sensors_have_names_of_their_own() -> None:
+    with pytest.raises(InvalidArgument, match="sensors: 2 are named 'odometer'"):
+        Slam(INTRINSICS, sensors=[Odometer(SPEEDS), Odometer(SPEEDS)])
+    Slam(INTRINSICS, sensors=[Odometer(SPEEDS), Odometer(SPEEDS, "another")])
+
+
 def test_a_frame_must_come_after_the_one_before() -> None:
     slam = Slam(INTRINSICS)
     slam.step(Frame(4, 1.0, VIEW))
