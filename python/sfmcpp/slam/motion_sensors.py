@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import (
     Mounting,
@@ -100,6 +102,11 @@ class Odometer:
         How the camera sits on the body: distances are then those of the camera where a turn is given.
     directions : bool
         Whether velocities constrain displacements; else their distances, as in the thesis.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, `sigma_m` is not positive, or `relative_sigma` is negative.
     """
 
     stream: SensorStream
@@ -108,6 +115,11 @@ class Odometer:
     relative_sigma: float = 0.03
     mounting: Mounting | None = None
     directions: bool = True
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "name", "mounting", "directions")
+        _require_sigma("sigma_m", self.sigma_m)
+        require_not_negative("relative_sigma", self.relative_sigma)
 
     @cached_property
     def doubtful_stretches(self) -> tuple[Gap, ...]:
@@ -199,6 +211,11 @@ class Gyroscope:
         root mean square over 0.2 s, 0.8 to 3 over 0.5 s, 1.0 to 3.9 over 1 s (drives 0001, 0027, 0036, 0039).
     drift_rad_sqrt_s : float
         A further random walk [rad/√s].
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, `sigma_rad` is not positive, or `drift_rad_sqrt_s` is negative.
     """
 
     stream: SensorStream
@@ -206,6 +223,11 @@ class Gyroscope:
     name: str = "gyro"
     sigma_rad: float | None = 0.001
     drift_rad_sqrt_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "mounting", "name")
+        _require_sigma("sigma_rad", self.sigma_rad)
+        require_not_negative("drift_rad_sqrt_s", self.drift_rad_sqrt_s)
 
     def between(self, start_s: float, end_s: float) -> FloatArray | None:
         """Rotation (3, 3) of the camera, start_from_end."""
@@ -249,6 +271,11 @@ class Gps:
         Standard deviation along each axis [m]; None: estimated during the run.
     origin : WorldOrigin, optional
         Where the sensor's world has its origin, if that is known.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, or `sigma_m` is not positive.
     """
 
     stream: SensorStream
@@ -256,6 +283,10 @@ class Gps:
     name: str = "gps"
     sigma_m: float | None = 1.0
     origin: WorldOrigin | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "mounting", "name", "origin")
+        _require_sigma("sigma_m", self.sigma_m)
 
     @cached_property
     def reachable(self) -> SensorStream:
@@ -323,12 +354,21 @@ class Ins:
         Name in reports.
     sigma_m : float, optional
         Standard deviation of a position along each axis [m]; None: estimated during the run.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, or `sigma_m` is not positive.
     """
 
     stream: SensorStream
     mounting: Mounting
     name: str = "ins"
     sigma_m: float | None = 0.5
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "mounting", "name")
+        _require_sigma("sigma_m", self.sigma_m)
 
     @cached_property
     def believed(self) -> SensorStream:
@@ -352,6 +392,12 @@ class Ins:
 
 # Sensors whose stream can be extended, shifted and corrected.
 STAMPED = (Odometer, Gyroscope, Gps, Ins)
+
+
+def _require_sigma(name: str, sigma: float | None) -> None:
+    """Raise InvalidArgument unless a standard deviation is positive, or None: estimated during the run."""
+    if sigma is not None:
+        require_positive(name, sigma)
 
 
 def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:

@@ -8,9 +8,9 @@ import pytest
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
 from sfmcpp.model.frames import Frame, RightView, View
-from sfmcpp.slam import Odometer, Slam, SlamSettings
+from sfmcpp.slam import Gps, Gyroscope, Ins, Odometer, Slam, SlamSettings
 from slam_helpers import INTRINSICS
-from winding import winding
+from winding import AT_CAMERA, winding
 
 VIEW = View(np.arange(3, dtype=np.int32), np.zeros((3, 2)))
 
@@ -47,6 +47,23 @@ def test_intrinsics_in_another_order_are_refused(row: list[float], told: str) ->
 def test_settings_that_are_none_are_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(InvalidArgument, match=f"{name} = {value!r}"):
         SlamSettings(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, "a"])
+def test_standard_deviations_of_sensors_are_refused_by_name(wrong: float) -> None:
+    rates = SensorStream(SPEEDS.t_s, np.zeros((len(SPEEDS), 3)), "angular_rate")
+    places = SensorStream(SPEEDS.t_s, np.zeros((len(SPEEDS), 3)), "position")
+    poses = SensorStream(SPEEDS.t_s, np.zeros((len(SPEEDS), 6)), "pose")
+    with pytest.raises(InvalidArgument, match="sigma_m = "):
+        Odometer(SPEEDS, sigma_m=wrong)
+    with pytest.raises(InvalidArgument, match="sigma_rad = "):
+        Gyroscope(rates, AT_CAMERA, sigma_rad=wrong)
+    with pytest.raises(InvalidArgument, match="sigma_m = "):
+        Gps(places, sigma_m=wrong)
+    with pytest.raises(InvalidArgument, match="sigma_m = "):
+        Ins(poses, AT_CAMERA, sigma_m=wrong)
+    with pytest.raises(InvalidArgument, match="mounting = "):
+        Odometer(SPEEDS, mounting="ahead")  # type: ignore[arg-type]
 
 
 def test_sensors_have_names_of_their_own() -> None:
