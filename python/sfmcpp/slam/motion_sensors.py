@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,41 +31,6 @@ from sfmcpp.slam.measurement import Measurement
 
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
 _CARRIED_M_S2 = 1.0
-
-
-@runtime_checkable
-class MotionSensor(Protocol):
-    """A sensor: anything with a name and a stream that can measure keyframes.
-
-    Parameters
-    ----------
-    *args, **kwargs
-        Those of the class that follows this protocol.
-    """
-
-    @property
-    def name(self) -> str:
-        """Name in reports."""
-
-    @property
-    def stream(self) -> SensorStream:
-        """What it has measured."""
-
-    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
-        """Measure a keyframe, or the motion to it from the one before.
-
-        Parameters
-        ----------
-        start_s, end_s : float
-            Times of the keyframe before and of this one [s].
-        rotation : (3, 3) float64
-            Rotation world_from_camera of this one, as far as it is known: a lever arm needs it.
-
-        Returns
-        -------
-        Measurement or None
-            None where the stream does not cover the time.
-        """
 
 
 @dataclass(frozen=True, eq=False)

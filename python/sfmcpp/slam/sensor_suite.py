@@ -24,8 +24,8 @@ from sfmcpp.sensors import (
 )
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
-from sfmcpp.slam.measurement import METRIC_KINDS, Measurement
-from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, MotionSensor, Odometer
+from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
+from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")

@@ -25,8 +25,7 @@ from sfmcpp.slam.fusion import fuse
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.localisation import expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
-from sfmcpp.slam.measurement import Measurement
-from sfmcpp.slam.motion_sensors import MotionSensor
+from sfmcpp.slam.measurement import Measurement, MotionSensor
 from sfmcpp.slam.odometer_clock import remember_step
 from sfmcpp.slam.odometer_slip import check_odometers
 from sfmcpp.slam.registration import place_at_end, place_in_world
