@@ -67,10 +67,10 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
 
 @checked()
 def smoothed_positions(stream: SensorStream, sigma_m: float = 1.0) -> SensorStream:
-    """Replace each position by the parabola fitted to those within half a second, where it fits them.
+    """Replace each position by the parabola fitted to those within half a second, if it fits.
 
-    The path of a vehicle deviates from it by a decimetre or two. White noise at ten positions a second is
-    halved; errors that last longer remain.
+    At most ten are taken on either side. The path of a vehicle deviates from the parabola by a decimetre or
+    two. White noise at ten positions a second is halved; errors that last longer remain.
 
     Parameters
     ----------
