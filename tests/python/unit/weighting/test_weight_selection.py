@@ -279,16 +279,6 @@ def test_a_mapping_weighs_some_groups_and_leaves_the_others(drift: tuple[Problem
     assert is_recovered(summary.group_weights[0], 0.02)
 
 
-def test_a_group_without_weight_does_not_change_the_weight_of_another(drift: tuple[Problem, Problem]) -> None:
-    start, truth = drift
-    alone = gps(truth, 0.1)
-    sfmcpp.solve(start.copy(), constraints=[alone], weight={"gps": "variance"})
-    beside, idle = gps(truth, 0.1), odometer(truth, 0.02, weight=0.0)
-    sfmcpp.solve(start.copy(), constraints=[beside, idle], weight={"gps": "variance"})
-    assert idle.weight == 0.0
-    assert beside.weight == pytest.approx(alone.weight, rel=0.02)
-
-
 def test_members_on_fixed_cameras_have_no_say(drift: tuple[Problem, Problem]) -> None:
     start = drift[0].copy()
     start.fixed_cameras[:5] = True
@@ -344,16 +334,6 @@ def test_an_unknown_method_is_refused_with_the_known_ones(
         InvalidArgument, match="weight = 'best': must be one of " + ", ".join(PROBLEM_METHODS)
     ):
         sfmcpp.solve(drift[0], constraints=[gps(drift[1], 0.1)], weight=weight)
-
-
-@pytest.mark.parametrize(("method", "views"), [("loo-approx", 2), ("k-fold", 3)])
-def test_points_of_too_few_views_leave_nothing_to_validate_by(method: str, views: int) -> None:
-    truth = sfmcpp.circle_scene(8, 60, pixel_sigma_px=1.0, seed=3)
-    order = np.argsort(truth.point_index, kind="stable")
-    ordered = truth.point_index[order]
-    few = truth.with_observations(order[np.arange(len(order)) - np.searchsorted(ordered, ordered) < views])
-    with pytest.raises(InvalidArgument, match=f"weight = '{method}': no point has {views + 1} observations"):
-        choose(few, gps(truth, 0.1), weight=method)
 
 
 def test_what_leaves_nothing_to_choose_from_is_refused(drift: tuple[Problem, Problem]) -> None:
