@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
@@ -140,6 +142,13 @@ def test_image_sigma_is_found_with_and_without_outliers() -> None:
     options = {"loss": "tukey", "loss_scale_px": 4.6851 * 2}
     robust = _image_sigma(spoiled, group, weights, **options)
     assert robust == pytest.approx(2.0, rel=0.15)
+
+
+@pytest.mark.parametrize(("weight", "told"), [(3, "weight = 3"), ({"gps": None}, r"weight\['gps'\] = None")])
+def test_what_is_no_method_is_refused_by_name(weight: Any, told: str) -> None:
+    problem, truth = small_scene(0)
+    with pytest.raises(InvalidArgument, match=told):
+        sfmcpp.solve(problem, constraints=[gps(truth, 0.1)], weight=weight)
 
 
 def test_a_group_without_weight_does_not_change_the_weight_of_another() -> None:
