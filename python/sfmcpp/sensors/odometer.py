@@ -302,7 +302,7 @@ def _end_of_block(speeds: FloatArray, leaps: list[int], opening: int) -> int | N
 
 def _is_first_alone_wrong(speeds: FloatArray, leaps: list[int]) -> bool:
     """Whether the first sample is a spike, not the only sound one: its speed does not come to last."""
-    if not leaps or leaps[0] != 0:
+    if not leaps or leaps[0] != 0 or _end_of_block(speeds, leaps, 0) is not None:
         return False
     back = next((k for k in leaps[1:] if _is_opposite_leap(speeds, 0, k)), None)
     if back is None:

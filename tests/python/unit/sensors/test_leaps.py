@@ -96,6 +96,15 @@ def test_a_wheel_that_blocks_is_doubted_until_it_turns_again(noise_m_s: float, k
     assert found.end_s == pytest.approx(23, abs=0.25)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_wheel_that_blocks_from_the_second_sample_on_is_doubted_as_long(seed: int) -> None:
+    t_s = np.arange(0, 60, 0.1)
+    noise = 0.02 * np.random.default_rng(seed).normal(size=len(t_s))
+    blocked = (t_s > 0) & (t_s < 10)
+    (found,) = doubtful_stretches(stream_of(t_s, np.abs(np.where(blocked, 0.0, speeds(t_s)) + noise)))
+    assert (found.start_s, found.end_s) == pytest.approx((0, 10), abs=0.25)
+
+
 def test_a_stop_that_low_speeds_are_missing_from_is_not_doubted() -> None:
     """An odometer that shows nothing below 1 m/s leaps to zero and back around a stop of twenty seconds."""
     t_s = np.arange(0, 60, 0.1)
