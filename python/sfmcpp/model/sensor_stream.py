@@ -259,6 +259,10 @@ class SensorStream:
         """Median time between samples [s]; 0 for a single one."""
         return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else 0.0
 
+    @property
+    def _has_default_gap(self) -> bool:
+        return self.max_gap_s == BRIDGED_PERIODS * self.period_s
+
     def gaps(self) -> tuple[Gap, ...]:
         """All stretches between samples longer than `max_gap_s`."""
         long = np.flatnonzero(np.diff(self.t_s) > self.max_gap_s)
@@ -275,20 +279,20 @@ class SensorStream:
         """The same measurements with `clock_offset_s` added to every stamp: camera time − sensor time."""
         if not np.isfinite(clock_offset_s):
             raise InvalidArgument(f"clock_offset_s = {clock_offset_s}: must be finite")
-        return replace(self, t_s=self.t_s + clock_offset_s)
+        largest = {"max_gap_s": None} if self._has_default_gap else {}
+        return replace(self, t_s=self.t_s + clock_offset_s, **largest)  # type: ignore[arg-type]
 
     def extended(self, t_s: FloatArray, values: FloatArray) -> SensorStream:
         """These measurements and later ones; the default of `max_gap_s` is that of all of them.
 
         InvalidArgument if one comes more than a day after the one before: its unit is another.
         """
-        given = self.max_gap_s != BRIDGED_PERIODS * self.period_s
         stamps = np.concatenate([self.t_s, finite_array("t_s", t_s, (ANY,))])
         for before_s, after_s in pairwise(stamps[len(self) - 1 :].tolist()):
             require_near(f"stream {self.name!r}: t_s", before_s, after_s)
         more = shaped_array("values", _columns(values, self.values.shape[1]), (ANY, self.values.shape[1]))
         rows = np.concatenate([self.values, more])
-        largest = {} if given else {"max_gap_s": None}
+        largest = {"max_gap_s": None} if self._has_default_gap else {}
         return replace(self, t_s=stamps, values=rows, **largest)  # type: ignore[arg-type]
 
     def without(self, stretch: Gap) -> SensorStream | None:

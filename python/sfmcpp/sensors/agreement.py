@@ -195,6 +195,8 @@ def _require_drivable(speed: SensorStream, turning: SensorStream) -> None:
 
 def _require_drivable_at(times: FloatArray, speed: SensorStream, turning: SensorStream) -> None:
     pace, rate = (np.linalg.norm(measured_at(s, times), axis=1) for s in (speed, turning))
+    for gap in (*speed.gaps(), *turning.gaps()):  # nothing was measured there
+        pace[(times > gap.start_s) & (times < gap.end_s)] = 0.0
     sustained = np.median(np.lib.stride_tricks.sliding_window_view(pace * rate, _WINDOW), axis=1)
     worst = int(np.argmax(sustained))
     if sustained[worst] > LARGEST_ACCELERATION_M_S2:

@@ -85,7 +85,7 @@ def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[T
     mounting : Mounting
         How the camera sits on the body.
     turns : sequence of Turn
-        Short steps with their `covariance`; some may be wrong.
+        Short steps with their `covariance`; some may be wrong. Those without a direction are left out.
 
     Returns
     -------
@@ -100,7 +100,8 @@ def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[T
     """
     require_kind(stream, "velocity")
     reach_s = float(_OFFSETS_S[-1])
-    covered = [t for t in turns if stream.covers(t.start_s - reach_s, t.end_s + reach_s)]
+    known = [t for t in turns if np.isfinite(t.direction).all() and np.isfinite(t.covariance).all()]
+    covered = [t for t in known if stream.covers(t.start_s - reach_s, t.end_s + reach_s)]
     if len(covered) < _FEWEST_STEPS:
         return DirectionClock(len(covered))
     steps = _steps_at_offsets(stream, mounting, covered)

@@ -67,10 +67,10 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
 
 @checked()
 def smoothed_positions(stream: SensorStream, sigma_m: float = 1.0) -> SensorStream:
-    """Replace each position by the parabola fitted to those within half a second, where it fits them.
+    """Replace each position by the parabola fitted to those within half a second, if it fits.
 
-    The path of a vehicle deviates from it by a decimetre or two. White noise at ten positions a second is
-    halved; errors that last longer remain.
+    At most ten are taken on either side. The path of a vehicle deviates from the parabola by a decimetre or
+    two. White noise at ten positions a second is halved; errors that last longer remain.
 
     Parameters
     ----------
@@ -193,6 +193,19 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
     from_axis = (normal + height) * np.cos(latitude)
     z = (normal * (1 - _ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
     return np.stack([from_axis * np.cos(longitude), from_axis * np.sin(longitude), z], axis=1)
+
+
+def middle_of(geodetic: FloatArray) -> FloatArray:
+    """Median (3,) of latitudes, longitudes [deg] and heights [m] (n, 3), on either side of longitude 180°."""
+    eastward = geodetic[:, 1] % 360.0
+    middle, across = np.median(geodetic, axis=0), float(np.median(eastward))
+    spread, spread_across = (
+        float(np.median(np.abs(longitudes - about)))
+        for longitudes, about in ((geodetic[:, 1], middle[1]), (eastward, across))
+    )
+    if spread_across < 0.5 * spread:  # not by rounding alone
+        middle[1] = (across + 180.0) % 360.0 - 180.0
+    return np.asarray(middle)
 
 
 def require_metres(rows: FloatArray) -> None:

@@ -39,6 +39,9 @@ _SAME = 0.15
 _FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
 # Below this speed the body stands, and the factor of an odometer may change without a leap.
 _STANDING_M_S = 0.3
+# A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
+# likewise: no odometer leaves out so many low speeds.
+_LEAST_BLOCKED_M_S, _BLOCKED_WITHIN = 3.0, 2
 
 
 @checked()
@@ -133,6 +136,8 @@ def _direction(stream: SensorStream, start_s: float, end_s: float) -> FloatArray
 def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     """Stretches between a leap of the speed and the leap that takes it back, or the next stop, or the end.
 
+    A wheel that blocks at speed stands until it leaps back: that is no stop of the body.
+
     A camera alone cannot tell whether it has lost the scale or the odometer is wrong: both drift apart. But a
     body has inertia. A speed that changes faster than tyres can make it, or all at once between two samples,
     is the sensor's: a wheel that slips, blocks or spins, or a factor that changes.
@@ -161,9 +166,7 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
         at = 1
     while at < len(leaps):
         opening = leaps[at]
-        closing = next((k for k in leaps[at + 1 :] if _is_opposite_leap(speeds, opening, k)), len(speeds) - 1)
-        stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
-        last = min(stop + 1, len(speeds) - 1)
+        last = _end_of_block(speeds, leaps, opening) or _end_of_factor(speeds, leaps, at)
         end_s = float(stream.t_s[-1] + stream.max_gap_s if last == len(speeds) - 1 else t_s[last])
         found.append(Gap(float(t_s[opening]), end_s))
         at = next((k for k in range(at + 1, len(leaps)) if leaps[k] >= last), len(leaps))
@@ -202,19 +205,20 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
     still = ways <= _DEAD_SHARE * np.quantile(ways, _USUAL)
     moving_s = t_s[speeds > _DEAD_SHARE * np.quantile(speeds, _USUAL)]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    return tuple(
+    found = [
         _between(stream, moving_s, 0.5 * (pairs[first].start_s + pairs[first].end_s))
         for first, end in edges.reshape(-1, 2).tolist()
         if end - first >= _FEWEST_PAIRS
-    )
+    ]
+    return tuple(stretch for stretch in found if stretch is not None)
 
 
-def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap:
-    """The samples about a time [s] from the first to the last that does not move."""
+def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap | None:
+    """The samples about a time [s] from the first to the last that does not move; None if all do there."""
     before_s = moving_s[moving_s < time_s].max(initial=-np.inf)
     after_s = moving_s[moving_s >= time_s].min(initial=np.inf)
     within = stream.t_s[(stream.t_s > before_s) & (stream.t_s < after_s)]
-    return Gap(float(within[0]), float(within[-1]))
+    return Gap(float(within[0]), float(within[-1])) if len(within) else None
 
 
 @checked()
@@ -273,9 +277,32 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
     return [int(k) for k in np.flatnonzero(too_fast | too_sudden)]
 
 
+def _end_of_factor(speeds: FloatArray, leaps: list[int], at: int) -> int:
+    """The sample after the leap that takes number `at` back, or after the next stop; the last if none is."""
+    opening = leaps[at]
+    closing = next((k for k in leaps[at + 1 :] if _is_opposite_leap(speeds, opening, k)), len(speeds) - 1)
+    stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
+    return min(stop + 1, len(speeds) - 1)
+
+
+def _end_of_block(speeds: FloatArray, leaps: list[int], opening: int) -> int | None:
+    """The sample at which a wheel that blocks turns again; None where it does not block, or leap back."""
+    stands = speeds < _STANDING_M_S
+    after = stands[opening + 1 : opening + 1 + _BLOCKED_WITHIN]
+    if speeds[opening] < _LEAST_BLOCKED_M_S or not after.any():
+        return None
+    first = opening + 1 + int(np.argmax(after))
+    if stands[first:].all():
+        return None
+    turns = first + int(np.argmin(stands[first:]))
+    if speeds[turns : turns + _BLOCKED_WITHIN].max() < _LEAST_BLOCKED_M_S:
+        return None
+    return turns + 1 if turns in leaps else turns if turns - 1 in leaps else None
+
+
 def _is_first_alone_wrong(speeds: FloatArray, leaps: list[int]) -> bool:
-    """Whether the first sample is a spike, not the only one before a lie: its speed does not come to last."""
-    if not leaps or leaps[0] != 0:
+    """Whether the first sample is a spike, not the only sound one: its speed does not come to last."""
+    if not leaps or leaps[0] != 0 or _end_of_block(speeds, leaps, 0) is not None:
         return False
     back = next((k for k in leaps[1:] if _is_opposite_leap(speeds, 0, k)), None)
     if back is None:

@@ -98,7 +98,8 @@ def check_bends(
     vision : Trajectory
         The camera's path, of which only the rotations are used.
     up_in_camera : (3,) array-like
-        Direction in the camera's frame that is up where it stands upright. Default: against its y axis.
+        Direction in the camera's frame that is up where it stands upright, of any length. Default: against
+        its y axis.
     sigma_m : float
         Standard deviation of a position along each axis [m].
 
@@ -110,11 +111,15 @@ def check_bends(
     Raises
     ------
     InvalidArgument
-        If the stream is of another kind, a shape is wrong, or `sigma_m` is not positive.
+        If the stream is of another kind, a shape is wrong, `up_in_camera` is zero, or `sigma_m` is not
+        positive.
     """
     require_kind(stream, "position")
     require_positive("sigma_m", sigma_m)
     up = finite_array("up_in_camera", up_in_camera, (3,))
+    if not up.any():
+        raise InvalidArgument("up_in_camera: is zero, must be a direction")
+    up = up / np.linalg.norm(up)
     turns = so3.log(np.swapaxes(vision.rotations[:-1], 1, 2) @ vision.rotations[1:])
     heading = np.concatenate([[0.0], np.cumsum(turns @ up)])
     covered = np.array([stream.covers(t, t) for t in vision.t_s], dtype=bool)

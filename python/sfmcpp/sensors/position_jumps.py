@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.checks import require_positive
+from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.sensor_stream import FASTEST_M_S
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
 from sfmcpp.sensors.stream import local_medians, require_kind
@@ -142,9 +142,11 @@ def without_leaps(stream: SensorStream, sigma_m: float | None = None) -> SensorS
     Raises
     ------
     InvalidArgument
-        If the stream is of another kind.
+        If the stream is of another kind, or `sigma_m` is negative or not finite.
     """
     require_kind(stream, "position", "pose")
+    if sigma_m is not None:
+        require_not_negative("sigma_m", sigma_m)
     t_s, places = stream.t_s, stream.values[:, :3]
     noise_m = _NOISE_SIGMAS * max(sigma_m or 0.0, _LEAST_SIGMA_M)
     leaps, cuts = (

@@ -52,7 +52,7 @@ def rate_spikes(stream: SensorStream) -> NDArray[np.bool_]:
 
 @checked()
 def without_spikes(stream: SensorStream) -> SensorStream:
-    """The stream with the mean of its neighbours in place of each spike; itself if there are none.
+    """The stream with the mean of its sound neighbours in place of each spike; itself if there are none.
 
     Parameters
     ----------
@@ -71,8 +71,9 @@ def without_spikes(stream: SensorStream) -> SensorStream:
     spikes = rate_spikes(stream)
     if not spikes.any():
         return stream
-    values = stream.values.copy()
-    values[spikes] = _between_neighbours(stream.values)[spikes[1:-1]]
+    values, rows, sound = stream.values.copy(), np.flatnonzero(spikes), np.flatnonzero(~spikes)
+    after = np.searchsorted(sound, rows)
+    values[rows] = 0.5 * (values[sound[after - 1]] + values[sound[after]])
     return replace(stream, values=values)
 
 

@@ -135,6 +135,8 @@ def register_by_positions(
     """
     poses = _leading_poses("vision", vision, pairs, 3)
     source, target = poses[:, :, 3], finite_array("measured", measured, (ANY, 3))[:pairs]
+    if len(target) < pairs:
+        raise InvalidArgument(f"measured: there are {len(target)} positions, must be {pairs} or more")
     moments = _moments_of_motion(source, target)
     free = _registration_of_rotation(moments, nearest_rotation(moments.covariance), source, target)
     if free.roll_sigma_rad <= OPEN_ROLL_RAD:

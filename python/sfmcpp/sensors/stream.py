@@ -52,7 +52,7 @@ def measured_at(stream: SensorStream, times_s: FloatArray) -> FloatArray:
     -------
     (m, k) float64
         Linear between samples, at constant rate in rotation. Beyond the ends speeds and rates keep their
-        value; distances, positions and rotations keep their velocity.
+        value; distances, positions and rotations keep their velocity. Longitudes go on beyond ±180°.
 
     Raises
     ------
@@ -67,6 +67,8 @@ def measured_at(stream: SensorStream, times_s: FloatArray) -> FloatArray:
     if stream.kind == "pose":
         turns = so3.log(interpolate_rotations(t_s, so3.exp(values[:, 3:]), times_s))
         return np.hstack([interpolate_vectors(t_s, values[:, :3], times_s), turns])
+    if stream.kind == "geodetic":
+        values = np.column_stack([values[:, 0], np.unwrap(values[:, 1], period=360.0), values[:, 2]])
     return interpolate_vectors(t_s, values, times_s)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import Photo
-from sfmcpp.sensors.gps import LEAST_POSITIONS, east_north_up, require_metres
+from sfmcpp.sensors.gps import LEAST_POSITIONS, east_north_up, middle_of, require_metres
 from sfmcpp.sfm.photo_numbers import match_photo_numbers
 from sfmcpp.sources.io.named_positions import NamedPositions
 from sfmcpp.sources.io.position_columns import Triple
@@ -115,7 +115,7 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InvalidArgument(f"sigmas_m[{row}] = {sigmas_m[row]}: must be positive and finite")
-    middle = np.asarray(np.median(rows[known], axis=0))
+    middle = middle_of(rows[known]) if geodetic else np.asarray(np.median(rows[known], axis=0))
     metres = np.full(rows.shape, np.nan)
     origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M + 0.0  # no -0
     metres[known] = east_north_up(rows[known], origin) if geodetic else rows[known] - origin

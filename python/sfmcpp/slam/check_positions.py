@@ -10,7 +10,7 @@ import numpy as np
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.rigs import composed
-from sfmcpp.sensors import camera_displacement, check_bends, check_position_clock
+from sfmcpp.sensors import check_bends, check_position_clock
 from sfmcpp.sensors.stream import clock_text
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Odometer
 from sfmcpp.slam.result import SlamResult
@@ -101,7 +101,7 @@ def _poses_of_steps(steps: Sequence[FloatArray]) -> FloatArray:
 def _relative_pose(odometer: Odometer, gyro: Gyroscope, start_s: float, end_s: float) -> FloatArray | None:
     """Pose (3, 4) start_from_end of the camera; None where either measurement is missing or doubtful."""
     turn = gyro.between(start_s, end_s)
-    if turn is None or odometer.mounting is None or odometer.between(start_s, end_s) is None:
+    if turn is None or odometer.between(start_s, end_s) is None:
         return None
-    step = camera_displacement(odometer.stream, start_s, end_s, odometer.mounting, turn)
+    step = odometer.step(start_s, end_s, turn)
     return None if step is None else np.column_stack([turn, step])

@@ -20,8 +20,7 @@ from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
 from sfmcpp.sensors import Turn
 from sfmcpp.slam.experience import Experience
-from sfmcpp.slam.measurement import Measurement
-from sfmcpp.slam.motion_sensors import MotionSensor
+from sfmcpp.slam.measurement import Measurement, MotionSensor
 from sfmcpp.slam.path import Path
 from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, SlamResult
 from sfmcpp.slam.settings import SlamSettings

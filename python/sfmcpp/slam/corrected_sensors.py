@@ -8,7 +8,8 @@ from dataclasses import replace
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Slip, without_slip
-from sfmcpp.slam.motion_sensors import STAMPED, Gps, Ins, MotionSensor, Odometer
+from sfmcpp.slam.measurement import MotionSensor
+from sfmcpp.slam.motion_sensors import STAMPED, Gps, Ins, Odometer
 from sfmcpp.slam.sensor_faults import dead_odometers, misaligned_odometers
 from sfmcpp.slam.sensor_suite import SensorSuite
 

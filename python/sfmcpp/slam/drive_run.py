@@ -19,9 +19,10 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, local_positions
-from sfmcpp.sensors.gps import doubt_of_radians, require_metres
+from sfmcpp.sensors.gps import doubt_of_radians, middle_of, require_metres
 from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
-from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, MotionSensor, Odometer
+from sfmcpp.slam.measurement import MotionSensor
+from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
@@ -116,7 +117,7 @@ class SlamRun:
         return f"SlamRun({str(self.drive.path)!r}{used}: {count['frames']} frames, {found})"
 
     def trajectory(self) -> Trajectory:
-        """All frames with a pose, in order."""
+        """All frames with a pose, in order; InvalidArgument, with the reason, if there is none."""
         return self.result.trajectory()
 
 
@@ -290,7 +291,7 @@ def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:
         require_metres(stream.values)
     if stream.kind != "geodetic":
         return Gps(stream, mounting, name)
-    middle = np.asarray(np.median(stream.values, axis=0))  # the first may be an outlier
+    middle = middle_of(stream.values)  # the first may be an outlier
     return Gps(local_positions(stream, middle), mounting, name, origin=WorldOrigin(middle, geodetic=True))
 
 

@@ -15,20 +15,21 @@ KEYFRAMES_OF_SIGMA = 6
 # It is at least this share of what sensor and images differ by: less cannot be told from the images' noise.
 _LEAST_SHARE = 0.1
 # Fewer points than this agree on a wrong pose now and then, and say nothing against a sensor: on the tuning
-# drives, with all tracks and with a third to a half of them, an honest odometer was off by five standard
+# drives, with all tracks and with a third to a half of them, a fault-free odometer was off by five standard
 # deviations at 2.0 % of the keyframes with fewer and at 0.2 % of the others.
 _FEWEST_POINTS = 22
-# As many keyframes in a row disagree where one of both is wrong: honest sensors came to five (the map drifts,
-# and its points count as exact), a bias, a slip or a clock of three tenths of a second to seven and more.
+# As many keyframes in a row disagree where one of both is wrong: fault-free sensors came to five (the map
+# drifts, and its points count as exact), a bias, a slip or a clock of three tenths of a second to seven and
+# more.
 _FEWEST_IN_A_ROW = 6
 # Or they disagree by so much together, in squares of what is usual on the run. On parts of the tuning drives
-# honest sensors came to 46, a bias of 5 deg/s to more in 15 of 16 runs, a slow slip of 40 % in 9 of 16; with
-# a third to a half of their tracks honest ones came to more in 1 run of 44.
+# fault-free sensors came to 46, a bias of 5 deg/s to more in 15 of 16 runs, a slow slip of 40 % in 9 of 16;
+# with a third to a half of their tracks fault-free ones came to more in 1 run of 44.
 _STRONG = 64.0
 # Keyframes beside a conflict belong to it from so many standard deviations on, and so much time beside these:
-# a lie is there before it is told [s].
+# a fault is there before it is noticed [s].
 _LEADING_SIGMAS, _MARGIN_S = 1.5, 0.5
-# Honest sensors came to no more in the median of a run; where a lie lasts for half of it, it is usual itself.
+# Fault-free sensors came to no more in the median of a run; what lasts for half of it is usual itself.
 _LARGEST_USUAL = 3.0
 # Median of the absolute value of a standard normal number.
 _MEDIAN_SIGMAS = 0.6745
@@ -107,15 +108,15 @@ def _keyframes(count: int) -> str:
 
 def _worst_conflict(reports: list[ConflictReport]) -> list[int]:
     """The worst stretch of reports in conflict, by their places; empty if none is long or strong enough."""
-    witnesses = [k for k, report in enumerate(reports) if report.observations >= _FEWEST_POINTS]
+    judged = [k for k, report in enumerate(reports) if report.observations >= _FEWEST_POINTS]
     stretches: list[list[int]] = [[]]
-    for k in witnesses:
+    for k in judged:
         if reports[k].conflicting:
             stretches[-1].append(k)
         elif stretches[-1]:
             stretches.append([])
     sigmas = np.array([report.sigmas for report in reports])
-    median = float(np.median(sigmas[witnesses])) if witnesses else 0.0
+    median = float(np.median(sigmas[judged])) if judged else 0.0
     usual = float(np.clip(median / _MEDIAN_SIGMAS, 1.0, _LARGEST_USUAL))
     strength = [float(np.sum((sigmas[stretch] / usual) ** 2)) for stretch in stretches]
     conflicts = [

@@ -9,7 +9,7 @@ from sfmcpp.ba.adjust import continues_after
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.frames import Frame
 from sfmcpp.slam.checkpoints import SlamCheckpoints
-from sfmcpp.slam.motion_sensors import MotionSensor
+from sfmcpp.slam.measurement import MotionSensor
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam

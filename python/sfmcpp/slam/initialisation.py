@@ -40,8 +40,8 @@ _SAME_TURN_SIGMAS = 4.0
 # Points that one pair of left and right images must give to start a map by itself; some will be wrong.
 _FEWEST_OF_A_PAIR = 30
 # Images contradict rotations that raise their cost by so many standard deviations per degree of freedom.
-# Honest gyroscopes came to 4, as the error of a track lasts; a clock off by half a second came to 10 where it
-# turned the start by degrees.
+# Fault-free gyroscopes came to 4, as the error of a track lasts; a clock off by half a second came to 10
+# where it turned the start by degrees.
 _DENIED_SIGMAS = 5.0
 # Degrees of freedom of three cameras up to a similarity: 18 − 7.
 _FREEDOM_OF_CAMERAS = 11
@@ -229,6 +229,7 @@ def _cost_of_images(problem: Problem, groups: Sequence[ConstraintGroup]) -> floa
     """Adjust a problem with constraints; the robust cost of its pixels at the optimum."""
     loss, scale_px = LOCAL_LOSS
     summary = solve(problem, constraints=groups, threads=1, loss=loss, loss_scale_px=scale_px)
+    summary.require_uninterrupted()
     return float(summary.final_cost - sum(after for _, after in summary.constraint_costs.values()))
 
 

@@ -1,10 +1,11 @@
-"""What a sensor tells of a keyframe: one constraint on its pose (thesis table 5.1)."""
+"""What a sensor is, and what it tells of a keyframe: one constraint on its pose (thesis table 5.1)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
-from sfmcpp.model import CONSTRAINT_KINDS
+from sfmcpp.model import CONSTRAINT_KINDS, SensorStream
 from sfmcpp.model.arrays import FloatArray
 
 # Kinds that need a map in metres, in the sensor's world.
@@ -45,3 +46,38 @@ class Measurement:
     doubtful: bool = False
     yields: bool = True
     slack: float = 0.0
+
+
+@runtime_checkable
+class MotionSensor(Protocol):
+    """A sensor: anything with a name and a stream that can measure keyframes.
+
+    Parameters
+    ----------
+    *args, **kwargs
+        Those of the class that follows this protocol.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in reports."""
+
+    @property
+    def stream(self) -> SensorStream:
+        """What it has measured."""
+
+    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
+        """Measure a keyframe, or the motion to it from the one before.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            Times of the keyframe before and of this one [s].
+        rotation : (3, 3) float64
+            Rotation world_from_camera of this one, as far as it is known: a lever arm needs it.
+
+        Returns
+        -------
+        Measurement or None
+            None where the stream does not cover the time.
+        """

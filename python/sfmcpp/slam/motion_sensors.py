@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Gap, SensorStream
+from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import (
     Mounting,
@@ -30,41 +31,6 @@ from sfmcpp.slam.measurement import Measurement
 
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
 _CARRIED_M_S2 = 1.0
-
-
-@runtime_checkable
-class MotionSensor(Protocol):
-    """A sensor: anything with a name and a stream that can measure keyframes.
-
-    Parameters
-    ----------
-    *args, **kwargs
-        Those of the class that follows this protocol.
-    """
-
-    @property
-    def name(self) -> str:
-        """Name in reports."""
-
-    @property
-    def stream(self) -> SensorStream:
-        """What it has measured."""
-
-    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
-        """Measure a keyframe, or the motion to it from the one before.
-
-        Parameters
-        ----------
-        start_s, end_s : float
-            Times of the keyframe before and of this one [s].
-        rotation : (3, 3) float64
-            Rotation world_from_camera of this one, as far as it is known: a lever arm needs it.
-
-        Returns
-        -------
-        Measurement or None
-            None where the stream does not cover the time.
-        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +66,11 @@ class Odometer:
         How the camera sits on the body: distances are then those of the camera where a turn is given.
     directions : bool
         Whether velocities constrain displacements; else their distances, as in the thesis.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, `sigma_m` is not positive, or `relative_sigma` is negative.
     """
 
     stream: SensorStream
@@ -108,6 +79,11 @@ class Odometer:
     relative_sigma: float = 0.03
     mounting: Mounting | None = None
     directions: bool = True
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "name", "mounting", "directions")
+        _require_sigma("sigma_m", self.sigma_m)
+        require_not_negative("relative_sigma", self.relative_sigma)
 
     @cached_property
     def doubtful_stretches(self) -> tuple[Gap, ...]:
@@ -134,7 +110,7 @@ class Odometer:
         self, start_s: float, end_s: float, rotation: FloatArray, turn: FloatArray | None = None
     ) -> Measurement | None:
         """Motion from the keyframe before; of the camera, if its `turn` start_from_end is given."""
-        step = self._step(start_s, end_s, turn)
+        step = self.step(start_s, end_s, turn)
         distance = self._distance(start_s, end_s, turn)
         if distance is None:
             return None
@@ -156,13 +132,14 @@ class Odometer:
         carried_m = _CARRIED_M_S2 * since_s * (end_s - start_s)
         return float(np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m]))
 
-    def _step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
+    def step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
+        """Step (3,) of the camera in its axes at the start [m], where its `turn` and mounting are known."""
         if self.mounting is None or turn is None:
             return None
         return camera_displacement(self._stream_without_leaps, start_s, end_s, self.mounting, turn)
 
     def _distance(self, start_s: float, end_s: float, turn: FloatArray | None) -> float | None:
-        step = self._step(start_s, end_s, turn)
+        step = self.step(start_s, end_s, turn)
         if step is not None:
             return float(np.linalg.norm(step))
         distance = travelled_distance(self._stream_without_leaps, start_s, end_s)
@@ -198,6 +175,11 @@ class Gyroscope:
         root mean square over 0.2 s, 0.8 to 3 over 0.5 s, 1.0 to 3.9 over 1 s (drives 0001, 0027, 0036, 0039).
     drift_rad_sqrt_s : float
         A further random walk [rad/√s].
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, `sigma_rad` is not positive, or `drift_rad_sqrt_s` is negative.
     """
 
     stream: SensorStream
@@ -205,6 +187,11 @@ class Gyroscope:
     name: str = "gyro"
     sigma_rad: float | None = 0.001
     drift_rad_sqrt_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "mounting", "name")
+        _require_sigma("sigma_rad", self.sigma_rad)
+        require_not_negative("drift_rad_sqrt_s", self.drift_rad_sqrt_s)
 
     def between(self, start_s: float, end_s: float) -> FloatArray | None:
         """Rotation (3, 3) of the camera, start_from_end."""
@@ -248,6 +235,11 @@ class Gps:
         Standard deviation along each axis [m]; None: estimated during the run.
     origin : WorldOrigin, optional
         Where the sensor's world has its origin, if that is known.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, or `sigma_m` is not positive.
     """
 
     stream: SensorStream
@@ -255,6 +247,10 @@ class Gps:
     name: str = "gps"
     sigma_m: float | None = 1.0
     origin: WorldOrigin | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "mounting", "name", "origin")
+        _require_sigma("sigma_m", self.sigma_m)
 
     @cached_property
     def reachable(self) -> SensorStream:
@@ -322,12 +318,21 @@ class Ins:
         Name in reports.
     sigma_m : float, optional
         Standard deviation of a position along each axis [m]; None: estimated during the run.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value is of another type, or `sigma_m` is not positive.
     """
 
     stream: SensorStream
     mounting: Mounting
     name: str = "ins"
     sigma_m: float | None = 0.5
+
+    def __post_init__(self) -> None:
+        check_fields(self, "stream", "mounting", "name")
+        _require_sigma("sigma_m", self.sigma_m)
 
     @cached_property
     def believed(self) -> SensorStream:
@@ -351,6 +356,12 @@ class Ins:
 
 # Sensors whose stream can be extended, shifted and corrected.
 STAMPED = (Odometer, Gyroscope, Gps, Ins)
+
+
+def _require_sigma(name: str, sigma: float | None) -> None:
+    """Raise InvalidArgument unless a standard deviation is positive, or None: estimated during the run."""
+    if sigma is not None:
+        require_positive(name, sigma)
 
 
 def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame
@@ -156,8 +157,10 @@ class SlamResult:
         self.bridged, self.lost = ([k for k in some if k != frame] for some in (self.bridged, self.lost))
 
     def trajectory(self) -> Trajectory:
-        """All frames with a pose, in order."""
+        """All frames with a pose, in order; InvalidArgument, with the `message`, if there is none."""
         poses = self.poses
+        if not poses:
+            raise InvalidArgument(f"no frame has a pose: {self.message}")
         frames = sorted(poses)
         times = np.array([self.path.times[k] for k in frames])
         return Trajectory(times, np.stack([poses[k] for k in frames]))

@@ -24,8 +24,8 @@ from sfmcpp.sensors import (
 )
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
-from sfmcpp.slam.measurement import METRIC_KINDS, Measurement
-from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, MotionSensor, Odometer
+from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
+from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
@@ -56,9 +56,18 @@ class SensorSuite:
     ----------
     sensors : sequence of MotionSensor
         May be empty. Of two that can tell the same, the first that covers the time is asked.
+
+    Raises
+    ------
+    InvalidArgument
+        If two have the same name, by which clocks, biases and conflicts are known.
     """
 
     def __init__(self, sensors: Sequence[MotionSensor] = ()) -> None:
+        names = [sensor.name for sensor in sensors]
+        for name in names:
+            if (count := names.count(name)) > 1:
+                raise InvalidArgument(f"sensors: {count} are named {name!r}, must have names of their own")
         # As they were given, and with their corrections.
         self.given = self.sensors = tuple(sensors)
         # Names of those that disagreed with the images at the latest keyframe.
@@ -186,16 +195,19 @@ class SensorSuite:
         ]
         found = [(s, c) for s, c in zip(gyros, checks, strict=True) if c.is_off and c.agrees]
         self.in_time = all(c.is_determined and c.agrees and not c.is_off for c in checks)
-        return [self._set_clock(gyro, check) for gyro, check in found]
+        return [told for gyro, check in found for told in self._set_clock(gyro, check)]
 
-    def _set_clock(self, gyro: Gyroscope, check: RotationCheck) -> str:
+    def _set_clock(self, gyro: Gyroscope, check: RotationCheck) -> list[str]:
+        """A sentence for the clock that is set; none where it has just been set with that of another."""
         alike = [
             sensor.name
             for sensor in self.sensors
             if isinstance(sensor, STAMPED) and np.array_equal(sensor.stream.t_s, gyro.stream.t_s)
         ]
+        if not alike:
+            return []
         self.move_stamps(alike, check.offset_s)
-        return f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"
+        return [f"{' and '.join(alike)}: {check.clock}: {check.offset_s:.2f} s are added to the stamps"]
 
     def move_stamps(self, names: Collection[str], offset_s: float) -> None:
         """Add `offset_s` to the stamps of the sensors of these names [s]."""

@@ -5,7 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sfmcpp.model.arguments import check_fields
-from sfmcpp.model.checks import require_count, require_fraction, require_one_of, require_positive
+from sfmcpp.model.checks import (
+    require_count,
+    require_fraction,
+    require_not_negative,
+    require_one_of,
+    require_positive,
+    require_seed,
+    require_share,
+)
 from sfmcpp.weighting import WEIGHT_BOUNDS, selection_method
 
 FINAL_ADJUSTMENTS = ("auto", "on", "off")
@@ -68,6 +76,11 @@ class SlamSettings:
         wrong, because they have distorted the map. Not in the thesis; not done if declared σ are not used.
     seed : int
         Seed of all random samples; the same seed gives the same result.
+
+    Raises
+    ------
+    InvalidArgument
+        If a number is out of its range, a flag is no bool, or a name is unknown.
     """
 
     window: int = 8
@@ -95,10 +108,15 @@ class SlamSettings:
         for name in ("window", "min_views", "registration_keyframes"):
             require_count(name, getattr(self, name), at_least=2)
         require_count("min_inliers", self.min_inliers, at_least=6)
+        require_count("triangulation_keyframes", self.triangulation_keyframes)
+        require_count("keyframe_min_tracks", self.keyframe_min_tracks, at_least=0)
         require_fraction("keyframe_overlap", self.keyframe_overlap)
+        require_share("start_point_ratio", self.start_point_ratio)
+        require_not_negative("min_angle_deg", self.min_angle_deg)
+        require_seed(self.seed)
         for name in ("start_parallax_px", "resection_threshold_px", "outlier_px", "keyframe_parallax_px"):
             require_positive(name, getattr(self, name))
-        check_fields(self, "weights")
+        check_fields(self, "weights", "correct_drift", "correct_scale", "hindsight")
         if self.weights != "none":
             selection_method(self.weights, argument="weights")
         require_one_of("weight_bounds", self.weight_bounds, WEIGHT_BOUNDS)

@@ -25,8 +25,7 @@ from sfmcpp.slam.fusion import fuse
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.localisation import expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
-from sfmcpp.slam.measurement import Measurement
-from sfmcpp.slam.motion_sensors import MotionSensor
+from sfmcpp.slam.measurement import Measurement, MotionSensor
 from sfmcpp.slam.odometer_clock import remember_step
 from sfmcpp.slam.odometer_slip import check_odometers
 from sfmcpp.slam.registration import place_at_end, place_in_world
@@ -85,8 +84,8 @@ class Slam:
     Raises
     ------
     InvalidArgument
-        If `intrinsics` has another length, f or the aspect is not positive, or the aspect is no ratio of
-        focal lengths.
+        If `intrinsics` has another length, f or the aspect is not positive, the aspect is no ratio of focal
+        lengths, or two sensors have the same name.
     """
 
     @checked(intrinsics=(ANY,))
@@ -346,9 +345,9 @@ class Slam:
         return self.result.world
 
 
-def _require_same_run(state: State, run: dict[str, Any]) -> None:
-    known = state.get("run")
-    if known is None:
+def _require_same_run(state: object, run: dict[str, Any]) -> None:
+    known = state.get("run") if isinstance(state, dict) else None
+    if not isinstance(known, dict) or known.keys() != run.keys():
         raise InvalidArgument("state: must be what state() of a run has given")
     for what in ("intrinsics", "settings"):
         if known[what] != run[what]:

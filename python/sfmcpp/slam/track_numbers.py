@@ -30,8 +30,8 @@ class TrackNumbers:
         self._own_end, self._given = state["own_end"], state["given"]
 
     def renumbered(self, view: View) -> View:
-        """The view with the numbers of the map, ascending."""
-        end = int(view.tracks.max(initial=-1)) + 1
+        """The view, whose tracks ascend, with the numbers of the map, ascending."""
+        end = int(view.tracks[-1]) + 1 if len(view.tracks) else 0
         if self._given is None and end <= self._own_end + _FARTHEST:
             self._own_end = max(self._own_end, end)
             return View(view.tracks.astype(np.int32, copy=False), view.pixels, view.right)

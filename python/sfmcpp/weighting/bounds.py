@@ -15,7 +15,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.model.checks import require_count
+from sfmcpp.model.checks import require_count, require_positive
 from sfmcpp.model.weight_selection import ConflictReport
 from sfmcpp.weighting.criteria import MEDIAN_WIDTH
 from sfmcpp.weighting.pose_inputs import PoseConstraint
@@ -83,9 +83,10 @@ def declared_weight(constraint: PoseConstraint, count: int, pixel_sigma: float) 
     Raises
     ------
     InvalidArgument
-        If the constraint declares none.
+        If the constraint declares none, `count` is not positive, or `pixel_sigma` is not positive and finite.
     """
     require_count("count", count)
+    require_positive("pixel_sigma", pixel_sigma)
     if constraint.sensor_sigma is None:
         raise InvalidArgument(
             f"{constraint.name}: sensor_sigma = None: bounds = 'declared' needs a standard deviation"

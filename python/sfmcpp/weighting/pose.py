@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array
-from sfmcpp.model.checks import require_one_of
+from sfmcpp.model.checks import require_count, require_not_negative, require_one_of, require_positive
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.bounds import WEIGHT_BOUNDS, declared_bounds
 from sfmcpp.weighting.conflict import conflict
@@ -44,7 +44,15 @@ def equivalent_sigma(constraint: PoseConstraint, weight: float, count: int, pixe
     -------
     float
         Standard deviation of each component, in the constraint's unit; infinite for λ = 0.
+
+    Raises
+    ------
+    InvalidArgument
+        If a number is not finite, `weight` is negative, or another one is not positive.
     """
+    require_not_negative("weight", weight)
+    require_count("count", count)
+    require_positive("pixel_sigma", pixel_sigma)
     return sigma_of_weight(constraint.unit, count * weight * weight, pixel_sigma)
 
 

@@ -170,7 +170,7 @@ class PoseConstraint:
 
     def __post_init__(self) -> None:
         require_one_of("kind", self.kind, POSE_KINDS)
-        check_fields(self, "name")
+        check_fields(self, "distance", "yields", "name")
         if CONSTRAINT_KINDS[self.kind].cameras == (2,) and self.previous is None:
             raise InvalidArgument(f"previous = None: a {self.kind} constraint needs the earlier pose")
         if self.sensor_sigma is not None:

@@ -154,10 +154,14 @@ def _methods(groups: Sequence[Group], weight: str | Mapping[str, str]) -> dict[i
     names = [group.name for group in groups]
     if not groups:
         raise InvalidArgument(f"weight = {weight!r}: there are no constraints to weigh")
+    if not isinstance(weight, str | Mapping):
+        raise InvalidArgument(f"weight = {weight!r}: must be a method, or methods by the names of groups")
     wanted = dict.fromkeys(names, weight) if isinstance(weight, str) else dict(weight)
     for name, method in wanted.items():
         if name not in names:
             raise InvalidArgument(f"weight[{name!r}]: no such group, must be one of {', '.join(names)}")
+        if not isinstance(method, str):
+            raise InvalidArgument(f"weight[{name!r}] = {method!r}: must be a method")
         selection_method(method, "problem", "weight")
     resolved = {name: VARIANCE if method == "auto" else method for name, method in wanted.items()}
     return {k: resolved[name] for k, name in enumerate(names) if name in resolved}

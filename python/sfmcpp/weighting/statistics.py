@@ -214,11 +214,16 @@ class FitStatistics:
 
         With the leverage ``H_o = J_o H⁻¹ J_oᵀ`` (2×2) the error is ``(I − H_o)⁻¹ r_o``, one Gauss–Newton step
         without the observation (Allen's PRESS). Observations of points with fewer than three views are not
-        counted: one view does not determine a point from which to predict the other.
+        counted: one view does not determine a point from which to predict the other. InvalidArgument if all
+        have fewer.
         """
         self.require_small()
         views = np.bincount(self.problem.point_index, minlength=self.problem.num_points)
         judged = (views >= _LEAST_VIEWS)[self.problem.point_index]
+        if not judged.any():
+            raise InvalidArgument(
+                f"weight = 'loo-approx': no point has {_LEAST_VIEWS} observations, one to predict from others"
+            )
         without = np.eye(2) - self.linear.leverages()[judged]
         predicted = np.linalg.solve(without, self.linear.residuals[judged][:, :, None])
         return float(self._fits.left_out_loss((predicted**2).sum(axis=(1, 2))).mean())

@@ -55,7 +55,8 @@ class VarianceSearch:
         """Estimate the weights of all chosen groups together."""
         for _ in range(_ROUNDS):
             proposed = self._next_weights()
-            change = np.abs(np.log(proposed / self.last.weights)).max()
+            chosen = proposed[self._chosen] / self.last.weights[self._chosen]  # others may have no weight
+            change = np.abs(np.log(chosen)).max()
             if change < _SETTLED and self.last.step.decrease < _NEAR * self.last.linear.cost:
                 break
             self._add_iterate(proposed if change >= _SETTLED else self.last.weights)

@@ -40,6 +40,14 @@ def times(stream: SensorStream, factor: float) -> SensorStream:
     return SensorStream(stream.t_s, factor * stream.values, stream.kind)
 
 
+def test_what_was_not_measured_is_no_acceleration() -> None:
+    """Fast and straight before a gap, turning on the spot after it: on lines between, 15 m/s² across."""
+    t_s = np.concatenate([np.arange(0.0, 20.0, 0.1), np.arange(80.0, 100.0, 0.1)])
+    speed = SensorStream(t_s, np.where(t_s < 50, 30.0, 0.0), "speed")
+    rates = SensorStream(t_s, np.where(t_s < 50, 0.0, 2.0)[:, None] * [0.0, 0.0, 1.0], "angular_rate")
+    require_agreement([speed, rates])
+
+
 def test_streams_of_one_motion_agree() -> None:
     require_agreement(round_trip().values())
 

@@ -71,6 +71,12 @@ def test_a_few_steps_or_a_body_that_stands_tell_nothing() -> None:
     assert check_directions(still, MOUNTING, seen(0.003)).margin == 0.0
 
 
+def test_steps_whose_direction_is_not_known_are_left_out() -> None:
+    steps, stream = seen(0.003), odometer(0.003, 0.3)
+    unknown = [Turn(turn.start_s, turn.end_s, turn.rotation) for turn in steps[::20]]
+    assert check_directions(stream, MOUNTING, [*steps, *unknown]) == check_directions(stream, MOUNTING, steps)
+
+
 def test_speeds_have_no_direction() -> None:
     t_s = np.arange(0.0, 3.0, 0.1)
     with pytest.raises(InvalidArgument, match="kind"):

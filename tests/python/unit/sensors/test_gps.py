@@ -13,10 +13,11 @@ from sfmcpp.sensors import (
     east_north_up,
     geodetic_of,
     local_positions,
+    measured_at,
     position_at,
     smoothed_positions,
 )
-from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M
+from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M, middle_of
 
 SEMI_MINOR_AXIS_M = 6_356_752.314245  # NIMA TR8350.2, table 3.3
 
@@ -96,6 +97,18 @@ def test_positions_between_fixes_lie_on_the_line_and_go_on_after_the_last() -> N
     np.testing.assert_allclose(position_at(stream, 1.25), [10, 5, 0])
     np.testing.assert_allclose(position_at(stream, 2.5), [10, 30, 0])
     assert position_at(stream, 8.0) is None
+
+
+def test_the_180th_meridian_is_a_place_like_any_other() -> None:
+    longitudes = np.array([179.99, 179.997, -179.996, -179.99])
+    places = np.column_stack([np.full(4, -16.8), longitudes, np.zeros(4)])
+    middle = middle_of(places)
+    assert abs(middle[1]) > 179.98
+    assert np.abs(east_north_up(places, middle)).max() < 2000
+    stream = SensorStream(np.arange(4.0), places, "geodetic")
+    between = measured_at(stream, np.arange(0.0, 3.0, 0.1))
+    assert np.abs(east_north_up(between, middle)).max() < 2000
+    np.testing.assert_array_equal(middle_of(places * [1, 0, 1]), [-16.8, 0, 0])
 
 
 def test_a_latitude_beyond_the_pole_is_refused() -> None:

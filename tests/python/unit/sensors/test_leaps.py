@@ -7,7 +7,7 @@ import pytest
 
 from sfmcpp import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import carried_over, doubtful_stretches, travelled_distance
+from sfmcpp.sensors import Turn, carried_over, dead_stretches, doubtful_stretches, travelled_distance
 
 
 def speeds(t_s: np.ndarray) -> np.ndarray:
@@ -82,6 +82,37 @@ def test_a_lie_from_the_second_sample_on_is_doubted() -> None:
     assert (found.start_s, found.end_s) == pytest.approx((0, 10), abs=0.25)
 
 
+@pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
+@pytest.mark.parametrize("noise_m_s", [0.0, 0.02])
+def test_a_wheel_that_blocks_is_doubted_until_it_turns_again(noise_m_s: float, kind: str) -> None:
+    t_s = np.arange(0, 60, 0.1)
+    blocked = (t_s >= 20) & (t_s < 23)
+    noise = noise_m_s * np.random.default_rng(0).normal(size=len(t_s))
+    wrong = np.abs(np.where(blocked, 0.0, speeds(t_s)) + noise)
+    along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
+    values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * wrong)}
+    (found,) = doubtful_stretches(stream_of(t_s, values[kind], kind))
+    assert found.start_s == pytest.approx(20, abs=0.25)
+    assert found.end_s == pytest.approx(23, abs=0.25)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_wheel_that_blocks_from_the_second_sample_on_is_doubted_as_long(seed: int) -> None:
+    t_s = np.arange(0, 60, 0.1)
+    noise = 0.02 * np.random.default_rng(seed).normal(size=len(t_s))
+    blocked = (t_s > 0) & (t_s < 10)
+    (found,) = doubtful_stretches(stream_of(t_s, np.abs(np.where(blocked, 0.0, speeds(t_s)) + noise)))
+    assert (found.start_s, found.end_s) == pytest.approx((0, 10), abs=0.25)
+
+
+def test_a_stop_that_low_speeds_are_missing_from_is_not_doubted() -> None:
+    """An odometer that shows nothing below 1 m/s leaps to zero and back around a stop of twenty seconds."""
+    t_s = np.arange(0, 60, 0.1)
+    true = np.clip(np.abs(t_s - 30) - 10, 0, 5)
+    found = doubtful_stretches(stream_of(t_s, np.where(true < 1, 0.0, true)))
+    assert all(gap.end_s - gap.start_s < 0.31 for gap in found if gap.start_s < 39)
+
+
 def test_two_samples_tell_nothing() -> None:
     assert doubtful_stretches(stream_of(np.array([0.0, 0.1]), np.array([1.0, 30.0]))) == ()
 
@@ -96,6 +127,16 @@ def test_inertia_carries_a_speed_over_what_is_doubted() -> None:
     found, true, told = (travelled_distance(s, 20.0, 22.0) for s in (carried, honest, stream))
     assert found == pytest.approx(true, rel=0.06)
     assert told != pytest.approx(true, rel=0.3)
+
+
+def test_an_odometer_that_rocks_between_images_or_is_asked_over_unlike_times_is_not_dead() -> None:
+    t_s = np.arange(0, 40, 0.1)
+    rocking = np.where(t_s < 20, np.where(np.arange(len(t_s)) % 2, -1.0, 1.0), 10.0)
+    steps = [Turn(a, a + 0.2, np.eye(3)) for a in np.arange(0, 39, 0.2)]
+    assert dead_stretches(stream_of(t_s, rocking), steps) == ()
+    short = [Turn(a, a + 0.01, np.eye(3)) for a in np.arange(0, 10, 0.1)]
+    long = [Turn(a, a + 1.0, np.eye(3)) for a in np.arange(11.0, 30.0)]
+    assert dead_stretches(stream_of(t_s, np.full(len(t_s), 10.0)), [*short, *long]) == ()
 
 
 def test_distances_are_not_carried() -> None:

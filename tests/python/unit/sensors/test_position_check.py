@@ -51,6 +51,14 @@ def test_where_the_map_lies_does_not_matter() -> None:
     assert here.error_rad == pytest.approx(there.error_rad, abs=1e-9)
 
 
+def test_up_is_a_direction_of_any_length() -> None:
+    camera = drive()
+    unit, long = (check_bends(fixes(camera), camera, [0.0, -length, 0.0]) for length in (1.0, 8.0))
+    assert long == unit
+    with pytest.raises(InvalidArgument, match="up_in_camera: is zero"):
+        check_bends(fixes(camera), camera, np.zeros(3))
+
+
 def test_a_straight_way_and_one_of_few_metres_tell_no_side() -> None:
     straight = fixes(drive(bend_rad=0.02))
     assert not check_bends(with_values(straight, straight.values[:, [1, 0, 2]]), drive(0.02)).is_mirrored

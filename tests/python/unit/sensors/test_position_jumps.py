@@ -122,3 +122,12 @@ def test_honest_positions_stay_where_only_one_edge_of_a_jump_is_a_leap(aside_m: 
 def test_leaps_are_those_of_positions() -> None:
     with pytest.raises(InvalidArgument, match="kind"):
         without_leaps(SensorStream(np.arange(3.0), np.zeros(3), "speed"))
+
+
+@pytest.mark.parametrize("sigma_m", [np.nan, np.inf, -1.0])
+def test_a_sigma_of_leaps_is_a_length(sigma_m: float) -> None:
+    """With one that is no number, a single position was left of all."""
+    stream = positions()
+    stream.values[20] = -6e6
+    with pytest.raises(InvalidArgument, match="sigma_m"):
+        without_leaps(stream, sigma_m)

@@ -52,6 +52,14 @@ def test_samples_that_leap_away_and_back_are_found(rows: list[int]) -> None:
     assert np.abs(mended - rates()).max() < np.radians(3)
 
 
+def test_a_spike_does_not_take_the_place_of_the_next_one() -> None:
+    values = rates(0.0)
+    values[[57, 58], 1] += np.radians([100, -100])
+    stream = stream_of(values)
+    assert np.flatnonzero(rate_spikes(stream)).tolist() == [57, 58]
+    assert np.abs(without_spikes(stream).values - rates(0.0)).max() < np.radians(3)
+
+
 def test_neighbours_across_a_gap_tell_nothing() -> None:
     values, kept = rates(), np.r_[0:57, 60:200]
     values[60, 1] += np.radians(40)

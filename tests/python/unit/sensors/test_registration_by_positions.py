@@ -119,6 +119,13 @@ def test_a_way_straight_up_has_no_roll_by_up() -> None:
         registered(truth, up=[0, 0, 0])
 
 
+def test_fewer_positions_than_pairs_are_named() -> None:
+    poses = np.tile(np.eye(3, 4), (8, 1, 1))
+    poses[:, 0, 3], poses[:, 1, 3] = np.arange(8.0), np.arange(8.0) ** 2
+    with pytest.raises(InvalidArgument, match="measured: there are 4 positions, must be 6 or more"):
+        register_by_positions(poses, poses[:4, :, 3])
+
+
 def test_standing_still_is_refused_with_noise_and_without() -> None:
     truth = street()
     standing = truth.copy()

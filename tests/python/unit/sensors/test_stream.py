@@ -194,6 +194,15 @@ def test_positions_beyond_numbers_are_told_without_a_warning(recwarn: pytest.War
     assert not recwarn
 
 
+@pytest.mark.parametrize("offset_s", [0.1, 1.7e9 + 0.3])
+def test_a_shifted_stream_that_grows_bridges_what_the_whole_one_does(offset_s: float) -> None:
+    stream = SensorStream(0.1 * np.arange(10), np.ones(10), "speed").shifted(offset_s)
+    later_s = offset_s + 0.5 * np.arange(4, 40)
+    assert stream.extended(later_s, np.ones(36)).max_gap_s == pytest.approx(2.5, abs=1e-5)
+    given = SensorStream(0.1 * np.arange(10), np.ones(10), "speed", max_gap_s=0.7).shifted(offset_s)
+    assert given.extended(later_s, np.ones(36)).max_gap_s == 0.7
+
+
 @pytest.mark.parametrize("first", [1, 2, 10])
 def test_a_stream_that_grows_becomes_the_whole_one(first: int) -> None:
     whole = speeds()

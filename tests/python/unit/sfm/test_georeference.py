@@ -290,6 +290,10 @@ def test_what_a_problem_lacks_is_refused() -> None:
 def test_a_fix_at_zero_zero_does_not_move_the_origin() -> None:
     rows = np.array([[46.0, 9.0, 1.0], [46.1, 9.1, 2.0], [0.0, 0.0, 0.0], [46.2, 9.2, 3.0], [46.3, 9.3, 4.0]])
     assert local_positions(rows, geodetic=True).origin.tolist() == [46.1, 9.1, 2.0]
+    rows[:, 1] = [179.99, -179.99, 0.0, 180.0, -180.0]
+    found = local_positions(rows, geodetic=True)
+    assert found.known.tolist() == [True, True, False, True, True]
+    assert np.nanmax(np.abs(found.metres[:, 0])) < 2000
 
 
 @pytest.mark.parametrize("geodetic", [True, False])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sensors import Mounting, SensorStream, check_rotations
+from sfmcpp.sensors import Mounting, SensorStream, Trajectory, check_rotations
 from sfmcpp.slam import (
     Gyroscope,
     MotionSensor,
@@ -24,7 +24,9 @@ from sfmcpp.slam import (
     TrackSequence,
     run_slam,
 )
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
+from slam_helpers import STEP_S
 from winding import AT_CAMERA, FRAMES, length, winding, without
 
 SEEDS = (0, 1)
@@ -226,6 +228,15 @@ def test_an_odometer_that_tells_no_motion_is_named() -> None:
     result = run_slam(drive.sequence, sensors=[Odometer(dead)])
     assert not result.metric
     assert any(warning.startswith("odometer: measures too little motion") for warning in result.warnings)
+
+
+def test_gyroscopes_with_the_same_stamps_have_one_clock_and_one_sentence() -> None:
+    drive = winding(seed=0)
+    late = replace(drive.gyro, t_s=drive.gyro.t_s + 0.3)
+    suite = SensorSuite([Gyroscope(late, AT_CAMERA, name) for name in ("one", "other")])
+    (told,) = suite.set_clocks(Trajectory(STEP_S * np.arange(FRAMES), drive.truth))
+    assert told.startswith("one and other: its clock is 0.30 ± 0.00 s ahead")
+    assert suite.moved_s == {name: pytest.approx(-0.3, abs=0.01) for name in ("one", "other")}
 
 
 def test_a_sensor_of_ones_own_cannot_be_fed() -> None:

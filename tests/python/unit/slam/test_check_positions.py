@@ -11,6 +11,8 @@ from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Gyroscope, MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
+from sfmcpp.slam.check_positions import _dead_reckoned_path
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.sources.synthetic import SyntheticDrive, vehicle_drive
 from sfmcpp.study.evaluation import evaluate
 
@@ -52,6 +54,21 @@ def of_motion() -> tuple[MotionSensor, ...]:
 
 def error_m(result: SlamResult) -> float:
     return evaluate(result.trajectory(), drive().truth, with_scale=False).mean_3d_error_m
+
+
+def test_the_path_without_images_goes_over_leaps_of_the_speed_by_inertia() -> None:
+    odometer, gyro = of_motion()
+    assert isinstance(odometer, Odometer)
+    spoiled = odometer.stream.values.copy()
+    spoiled[100:110] += 30.0
+    leaps = replace(odometer, stream=replace(odometer.stream, values=spoiled))
+    assert leaps.carried_stretches
+    times = drive().t_s.tolist()
+    sound, carried = (_dead_reckoned_path(times, SensorSuite([one, gyro])) for one in (odometer, leaps))
+    assert sound is not None
+    assert carried is not None
+    assert len(carried) == len(sound)
+    assert np.abs(carried.centres - sound.centres).max() < 0.5
 
 
 def test_swapped_axes_are_named_and_honest_ones_are_not() -> None:

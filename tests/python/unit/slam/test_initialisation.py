@@ -3,15 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sfmcpp.ba import Summary
 from sfmcpp.geometry.similarity import Similarity, fit_pose_similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.model.frames import View
-from sfmcpp.slam import Frame, MotionSensor, Odometer, Path, SlamResult, SlamSettings, TrackSequence, WorldMap
+from sfmcpp.slam import (
+    Frame,
+    MotionSensor,
+    Odometer,
+    Path,
+    SlamResult,
+    SlamSettings,
+    TrackSequence,
+    WorldMap,
+    initialisation,
+)
 from sfmcpp.slam.bridging import Follower, rejoin
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.sensor_suite import SensorSuite
@@ -116,6 +129,17 @@ def test_a_map_of_too_few_of_the_shared_tracks_is_none() -> None:
 TURN = Rotation.from_rotvec([0.1, 0.8, -0.2]).as_matrix()
 SPEED = 5.0  # Of the map before the loss: 0.5 in a tenth of a second.
 LOST_S = 1.0
+
+
+def test_ctrl_c_while_a_start_is_adjusted_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    solve = initialisation.solve
+
+    def interrupted(*args: Any, **options: Any) -> Summary:
+        return replace(solve(*args, **options), termination="interrupted")
+
+    monkeypatch.setattr(initialisation, "solve", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        offered(drive(sideways(30, 0.05)))
 
 
 def run_before(sensors: Sequence[MotionSensor]) -> tuple[SlamResult, SensorSuite, Follower]:

@@ -8,9 +8,9 @@ import pytest
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
 from sfmcpp.model.frames import Frame, RightView, View
-from sfmcpp.slam import Odometer, Slam, SlamSettings
+from sfmcpp.slam import Gps, Gyroscope, Ins, Odometer, Slam, SlamSettings
 from slam_helpers import INTRINSICS
-from winding import winding
+from winding import AT_CAMERA, winding
 
 VIEW = View(np.arange(3, dtype=np.int32), np.zeros((3, 2)))
 
@@ -27,6 +27,49 @@ VIEW = View(np.arange(3, dtype=np.int32), np.zeros((3, 2)))
 def test_intrinsics_in_another_order_are_refused(row: list[float], told: str) -> None:
     with pytest.raises(InvalidArgument, match=told):
         Slam(np.array(row))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("triangulation_keyframes", 0),
+        ("triangulation_keyframes", 2.5),
+        ("keyframe_min_tracks", np.nan),
+        ("start_point_ratio", np.nan),
+        ("start_point_ratio", 2.0),
+        ("min_angle_deg", np.nan),
+        ("correct_drift", "no"),
+        ("correct_scale", None),
+        ("hindsight", "off"),
+        ("seed", -1),
+    ],
+)
+def test_settings_that_are_none_are_refused_by_name(name: str, value: object) -> None:
+    with pytest.raises(InvalidArgument, match=f"{name} = {value!r}"):
+        SlamSettings(**{name: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("wrong", [0.0, -1.0, np.nan, "a"])
+def test_standard_deviations_of_sensors_are_refused_by_name(wrong: float) -> None:
+    rates = SensorStream(SPEEDS.t_s, np.zeros((len(SPEEDS), 3)), "angular_rate")
+    places = SensorStream(SPEEDS.t_s, np.zeros((len(SPEEDS), 3)), "position")
+    poses = SensorStream(SPEEDS.t_s, np.zeros((len(SPEEDS), 6)), "pose")
+    with pytest.raises(InvalidArgument, match="sigma_m = "):
+        Odometer(SPEEDS, sigma_m=wrong)
+    with pytest.raises(InvalidArgument, match="sigma_rad = "):
+        Gyroscope(rates, AT_CAMERA, sigma_rad=wrong)
+    with pytest.raises(InvalidArgument, match="sigma_m = "):
+        Gps(places, sigma_m=wrong)
+    with pytest.raises(InvalidArgument, match="sigma_m = "):
+        Ins(poses, AT_CAMERA, sigma_m=wrong)
+    with pytest.raises(InvalidArgument, match="mounting = "):
+        Odometer(SPEEDS, mounting="ahead")  # type: ignore[arg-type]
+
+
+def test_sensors_have_names_of_their_own() -> None:
+    with pytest.raises(InvalidArgument, match="sensors: 2 are named 'odometer'"):
+        Slam(INTRINSICS, sensors=[Odometer(SPEEDS), Odometer(SPEEDS)])
+    Slam(INTRINSICS, sensors=[Odometer(SPEEDS), Odometer(SPEEDS, "another")])
 
 
 def test_a_frame_must_come_after_the_one_before() -> None:
@@ -88,6 +131,14 @@ def test_large_track_numbers_and_any_order_give_the_same_poses(far: int) -> None
     assert all(np.array_equal(large.result.poses[k], pose) for k, pose in plain.result.poses.items())
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint32, np.uint64, np.int16])
+def test_track_numbers_may_be_of_any_integer_type(dtype: type) -> None:
+    slam = Slam(INTRINSICS)
+    for number, tracks in enumerate(([], [0, 7, 3], [2, 7])):
+        slam.step(Frame(number, 0.1 * number, View(np.array(tracks, dtype), np.zeros((len(tracks), 2)))))
+    assert list(slam.result.path.times) == [0, 1, 2]
+
+
 def _numbered(view: View, number_of: dict[int, int], far: int) -> View:
     """With tracks in the order of their coming."""
     tracks = [number_of.setdefault(track, len(number_of)) for track in view.tracks.tolist()]
@@ -127,8 +178,9 @@ def test_a_state_of_another_run_is_refused() -> None:
     ]:
         with pytest.raises(InvalidArgument, match=told):
             other.restore(state)
-    with pytest.raises(InvalidArgument, match=r"must be what state\(\)"):
-        Slam(INTRINSICS).restore({"frames": []})
+    for none in ({"frames": []}, {"run": {}}, None):
+        with pytest.raises(InvalidArgument, match=r"must be what state\(\)"):
+            Slam(INTRINSICS).restore(none)  # type: ignore[arg-type]
     Slam(INTRINSICS, sensors=[Odometer(SPEEDS)]).restore(state)
 
 

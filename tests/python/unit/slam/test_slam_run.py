@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.model import Problem
 from sfmcpp.slam import Path, SlamResult, SlamSettings, TrackSequence, run_slam
@@ -87,6 +88,8 @@ def test_a_standing_camera_gives_a_message_and_no_map() -> None:
     assert result.world is None
     assert result.poses == {}
     assert "the image moves" in result.message
+    with pytest.raises(InvalidArgument, match="no frame has a pose: the image moves"):
+        result.trajectory()
 
 
 @pytest.mark.parametrize("sigma_px", [0.0, 0.5])

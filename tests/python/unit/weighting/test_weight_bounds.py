@@ -36,6 +36,30 @@ def test_the_declared_weight_amounts_to_the_declared_sigma(kind: str) -> None:
     assert equivalent_sigma(constraint, declared_weight(constraint, 40, 0.7), 40, 0.7) == pytest.approx(0.03)
 
 
+@pytest.mark.parametrize(
+    ("weight", "count", "pixel_sigma", "told"),
+    [
+        (np.nan, 40, 1.0, "weight"),
+        (-1.0, 40, 1.0, "weight"),
+        (1.0, 0, 1.0, "count"),
+        (1.0, 40, np.nan, "pixel"),
+    ],
+)
+def test_what_is_no_weight_or_sigma_is_refused(
+    weight: float, count: int, pixel_sigma: float, told: str
+) -> None:
+    constraint = make_drive(1).odometer(0.01, declared=0.03)
+    with pytest.raises(InvalidArgument, match=told):
+        equivalent_sigma(constraint, weight, count, pixel_sigma)
+    if told != "weight":
+        with pytest.raises(InvalidArgument, match=told):
+            declared_weight(constraint, count, pixel_sigma)
+    with pytest.raises(InvalidArgument, match="distance = 'far'"):
+        replace(constraint, distance="far")
+    with pytest.raises(InvalidArgument, match="yields = 'no'"):
+        replace(constraint, yields="no")
+
+
 def test_at_the_declared_weight_the_pose_is_the_most_likely_one() -> None:
     """Against residuals over their standard deviations, minimised by SciPy."""
     drive = make_drive(5)

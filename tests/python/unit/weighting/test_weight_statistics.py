@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
 import sfmcpp
-from sfmcpp import ConstraintGroup, Problem
+from sfmcpp import ConstraintGroup, InvalidArgument, Problem
 from sfmcpp.weighting import WEIGHT_METHODS
 from sfmcpp.weighting.fits import WeightFit, WeightFits
 from sfmcpp.weighting.statistics import FitStatistics
 from sfmcpp.weighting.trials import FOLDS, fold_of_observation, score_of
-from weight_helpers import Array, dense_jacobian, dense_rows, fitted, gps, odometer, small_scene
+from weight_helpers import Array, dense_jacobian, dense_rows, fitted, gps, odometer, small_scene, street
 
 SIGMA_M = 0.05
 
@@ -140,3 +142,31 @@ def test_image_sigma_is_found_with_and_without_outliers() -> None:
     options = {"loss": "tukey", "loss_scale_px": 4.6851 * 2}
     robust = _image_sigma(spoiled, group, weights, **options)
     assert robust == pytest.approx(2.0, rel=0.15)
+
+
+@pytest.mark.parametrize(("weight", "told"), [(3, "weight = 3"), ({"gps": None}, r"weight\['gps'\] = None")])
+def test_what_is_no_method_is_refused_by_name(weight: Any, told: str) -> None:
+    problem, truth = small_scene(0)
+    with pytest.raises(InvalidArgument, match=told):
+        sfmcpp.solve(problem, constraints=[gps(truth, 0.1)], weight=weight)
+
+
+def test_a_group_without_weight_does_not_change_the_weight_of_another() -> None:
+    start, truth = street()
+    alone = gps(truth, 0.1)
+    sfmcpp.solve(start.copy(), constraints=[alone], weight={"gps": "variance"})
+    beside, idle = gps(truth, 0.1), odometer(truth, 0.02, weight=0.0)
+    sfmcpp.solve(start.copy(), constraints=[beside, idle], weight={"gps": "variance"})
+    assert idle.weight == 0.0
+    assert beside.weight == pytest.approx(alone.weight, rel=0.02)
+
+
+@pytest.mark.parametrize(("method", "views"), [("loo-approx", 2), ("k-fold", 3)])
+def test_points_of_too_few_views_leave_nothing_to_validate_by(method: str, views: int) -> None:
+    truth = sfmcpp.circle_scene(8, 60, pixel_sigma_px=1.0, seed=3)
+    order = np.argsort(truth.point_index, kind="stable")
+    ordered = truth.point_index[order]
+    place = np.arange(len(order)) - np.searchsorted(ordered, ordered)
+    few = truth.with_observations(order[(place + 3 * ordered) % np.bincount(ordered)[ordered] < views])
+    with pytest.raises(InvalidArgument, match=f"weight = '{method}': no point has {views + 1} observations"):
+        sfmcpp.solve(few, constraints=[gps(truth, 0.1)], weight=method)
