@@ -23,6 +23,8 @@ _SAMPLES = 150
 _ROUNDS = 8
 # Errors over the threshold beyond which a match has no say.
 _FAR = 3.0
+# Points at one place in the image tell no depth: this share of the identity keeps them solvable.
+_LIFT = 1e-12
 
 
 @checked()
@@ -167,29 +169,31 @@ class _Centre:
     """
 
     def __init__(self, points: FloatArray, images: FloatArray, scale: float) -> None:
-        self._points, self._images, self._scale = points, images, scale
+        # The lift draws a centre to the origin: that is among the points, wherever the world has it.
+        self._origin = points.mean(axis=0)
+        self._points, self._images, self._scale = points - self._origin, images, scale
         ones, zeros = np.ones(len(points)), np.zeros(len(points))
         u, v = images.T
         self._rows = np.stack(
             [np.column_stack([ones, zeros, -u]), np.column_stack([zeros, ones, -v])], axis=1
         )
-        self._sides = np.einsum("nij,nj->ni", self._rows, points)
+        self._sides = np.einsum("nij,nj->ni", self._rows, self._points)
 
     def solve(self, seed: int) -> FloatArray:
         """Best of the samples of two points, then weighted least squares."""
         first, second = _pairs(len(self._points), seed)
         normal = np.einsum("nij,nik->njk", self._rows, self._rows)
         right = np.einsum("nij,ni->nj", self._rows, self._sides)
-        # Points at one place in the image tell no depth: a little of the identity keeps them solvable.
-        lift = 1e-12 * np.eye(3)
-        sums = normal[first] + normal[second] + lift, right[first] + right[second]
-        centres = np.linalg.solve(sums[0], sums[1][:, :, None])[:, :, 0]
+        pairs = normal[first] + normal[second], right[first] + right[second]
+        centres = np.linalg.solve(_lifted(pairs[0]), pairs[1][:, :, None])[:, :, 0]
         best: FloatArray = centres[int(np.argmin(_truncated_sums(self._errors(centres), self._scale)))]
         for _ in range(_ROUNDS):
             weights = _weights(self._errors(best[None])[:, 0] / self._scale)
+            if not weights.any():
+                break
             weights /= np.where(weights > 0, self._points[:, 2] - best[2], 1.0) ** 2
-            best = np.linalg.solve(np.einsum("n,njk->jk", weights, normal) + lift, weights @ right)
-        return np.asarray(best)
+            best = np.linalg.solve(_lifted(np.einsum("n,njk->jk", weights, normal)), weights @ right)
+        return np.asarray(self._origin + best)
 
     def _errors(self, centres: FloatArray) -> FloatArray:
         """(N, k) distances at depth one for each of the centres (k, 3); infinite behind the camera."""
@@ -198,6 +202,12 @@ class _Centre:
         depth = np.where(ahead, seen[:, :, 2], 1.0)
         offset = seen[:, :, :2] / depth[:, :, None] - self._images[:, None]
         return np.where(ahead, np.linalg.norm(offset, axis=2), np.inf)
+
+
+def _lifted(normal: FloatArray) -> FloatArray:
+    """Normal matrices (..., 3, 3) that can be solved, whatever the unit of length."""
+    size = np.trace(normal, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(normal + _LIFT * size * np.eye(3))
 
 
 def _pairs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -46,6 +46,21 @@ def test_the_centre_is_found(wrong: float) -> None:
     np.testing.assert_allclose(found.camera[:, 3], CENTRE, atol=2e-2 * (wrong > 0) + 1e-9)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_the_centre_does_not_depend_on_the_unit_of_length(unit: float) -> None:
+    points, _, second = scene(60, 0.0, seed=2)
+    found = resection_of_rotation(unit * points, second, INTRINSICS, ROTATION)
+    assert found.num_inliers == 60
+    np.testing.assert_allclose(found.camera[:, 3] / unit, CENTRE, atol=1e-9)
+
+
+def test_the_centre_is_found_far_from_the_origin_of_the_world() -> None:
+    points, _, second = scene(60, 0.0, seed=2)
+    origin = np.array([4e5, 5.3e6, 200.0])
+    found = resection_of_rotation(points + origin, second, INTRINSICS, ROTATION)
+    np.testing.assert_allclose(found.camera[:, 3] - origin, CENTRE, atol=1e-6)
+
+
 def test_a_wrong_rotation_loses_inliers() -> None:
     points, first, second = scene(80, 0.0, seed=3)
     turned = ROTATION @ Rotation.from_rotvec([0.0, 0.0, 0.06]).as_matrix()
