@@ -273,7 +273,8 @@ class Map(Store):
         LocalProblem
             Its points are not a number.
         """
-        return self._seen_points(numbers_below("images", images, len(self.poses)), ~self.known, min_views)
+        chosen = np.unique(numbers_below("images", images, len(self.poses)))
+        return self._seen_points(chosen, ~self.known, min_views)
 
     @checked()
     def seen_from(self, images: ArrayLike, points: ArrayLike) -> LocalProblem:
