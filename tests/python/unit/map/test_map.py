@@ -374,6 +374,13 @@ def two_images() -> Map:
     return world
 
 
+def seen_twice_where_one() -> Map:
+    """A map of which an image sees both points."""
+    other = two_images()
+    other.observe([1], [1])
+    return other
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -387,6 +394,13 @@ def two_images() -> Map:
         (lambda m: m.add_cameras(np.zeros((1, 5))), r"intrinsics: shape \(1, 5\), must be \(1, 3\)"),
         (lambda m: m.add_points(np.zeros((1, 4))), r"positions: shape \(1, 4\), must be \(1, 3\)"),
         (lambda m: m.join(Map("perspective")), "other: camera model 'perspective', must be 'bal'"),
+        (lambda m: m.join(m), "other: is the map itself"),
+        (lambda m: m.join(two_images(), cameras=[1]), "cameras: must be from 0 to 0"),
+        (lambda m: m.join(two_images(), cameras=[0, 0]), "cameras: 2, must be 1, as many as the other"),
+        (lambda m: m.join(two_images(), points=[-1, 0]), "points: must be from 0 to 1"),
+        (lambda m: m.join(two_images(), points=[0, 2]), "points: must be from 0 to 1"),
+        (lambda m: m.join(two_images(), points=[0]), "points: 1, must be 2, as many as the other"),
+        (lambda m: m.join(seen_twice_where_one(), points=[0, 0]), "an image sees a point once at most"),
         (lambda _: Map("projective"), "camera_model = 'projective': must be 'calibrated'"),
     ],
 )
@@ -395,4 +409,4 @@ def test_what_cannot_be_is_refused_and_changes_nothing(change: object, message: 
     with pytest.raises(InvalidArgument, match=message):
         change(world)  # type: ignore[operator]
     assert (world.num_images, len(world.keypoints), world.keypoint_points.tolist()) == (2, 4, [0, -1, -1, 1])
-    assert (len(world.points), len(world.intrinsics)) == (2, 1)
+    assert (world.points.tolist(), len(world.intrinsics)) == ([[0.0] * 3] * 2, 1)
