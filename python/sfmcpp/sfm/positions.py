@@ -115,13 +115,24 @@ def local_positions(rows: FloatArray, geodetic: bool, sigmas_m: FloatArray | Non
         if wrong.any():
             row = int(np.argmax(wrong))
             raise InvalidArgument(f"sigmas_m[{row}] = {sigmas_m[row]}: must be positive and finite")
-    middle = np.asarray(np.median(rows[known], axis=0))
+    middle = _middle_of(rows[known], geodetic)
     metres = np.full(rows.shape, np.nan)
     origin = middle if geodetic else np.trunc(middle / _GRID_M) * _GRID_M + 0.0  # no -0
     metres[known] = east_north_up(rows[known], origin) if geodetic else rows[known] - origin
     lost = ~rows[:, :2].any(axis=1) & (np.linalg.norm(metres, axis=1) > _FAR_M)
     metres[lost] = np.nan
     return Positions(metres, origin, geodetic, sigmas_m, lost)
+
+
+def _middle_of(rows: FloatArray, geodetic: bool) -> FloatArray:
+    """Median (3,) of positions; of longitudes on both sides of the date line one of them, not one between."""
+    middle = np.asarray(np.median(rows, axis=0))
+    if geodetic:
+        eastward = rows[:, 1] % 360
+        east = np.median(eastward)
+        if 2 * np.median(np.abs(eastward - east)) < np.median(np.abs(rows[:, 1] - middle[1])):
+            middle[1] = (east + 180) % 360 - 180
+    return middle
 
 
 def positions_of(names: list[str], known: NamedPositions) -> Positions:

@@ -304,6 +304,20 @@ def test_a_position_of_no_fix_is_named_and_left_out(geodetic: bool) -> None:
     assert found.sigma_m == pytest.approx(0.1, rel=0.5)
 
 
+@pytest.mark.parametrize("longitude", [-180.0, 0.0, 9.1])
+def test_positions_may_lie_on_both_sides_of_the_date_line_and_of_greenwich(longitude: float) -> None:
+    metres = np.random.default_rng(3).uniform(-400, 400, (10, 3))
+    metres = np.concatenate([metres, -metres])  # as many on either side
+    rows = geodetic_of(metres, [-16.8, longitude, 30.0])
+    rows[:, 1] = (rows[:, 1] + 180) % 360 - 180
+    found = local_positions(rows, geodetic=True)
+    assert abs((found.origin[1] - longitude + 180) % 360 - 180) < 0.01
+    assert -180 <= found.origin[1] < 180
+    np.testing.assert_allclose(found.metres - found.metres[0], metres - metres[0], atol=0.1)
+    rows[0, 1] = 0.5 - 179 * (longitude == 0)  # one that is wrong moves the origin no more than others
+    assert abs((local_positions(rows, geodetic=True).origin[1] - longitude + 180) % 360 - 180) < 0.01
+
+
 def test_zero_is_a_place_where_the_others_are_near() -> None:
     rows = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 1.0], [0.0, 10.0, 1.0]])
     assert local_positions(rows, geodetic=False).known.all()
