@@ -132,8 +132,9 @@ def georeference_to(
     """:func:`georeference` by positions that are in a metric frame already."""
     require_movable(problem)
     _uses_stated_sigmas(problem, positions)
-    solve(problem, **options).require_uninterrupted()
+    # Refuses too few positions, before the problem is changed.
     georeferencing = _Georeferencing(problem, positions, image_names(problem), seed)
+    solve(problem, **options).require_uninterrupted()
     return georeferencing.run(dict(options), lambda _: None)
 
 

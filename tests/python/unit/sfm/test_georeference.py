@@ -287,6 +287,18 @@ def test_what_a_problem_lacks_is_refused() -> None:
         georeference(truth, truth.centres)
 
 
+def test_too_few_positions_are_refused_before_the_problem_is_changed() -> None:
+    problem = sfmcpp.perturb(
+        scene(0), point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=0.5, seed=1
+    )
+    before, few = problem.copy(), np.full((40, 3), np.nan)
+    few[:4] = problem.centres[:4]
+    with pytest.raises(InvalidArgument, match="4 images of the model have a position, 5 are needed"):
+        georeference(problem, few)
+    np.testing.assert_array_equal(problem.cameras, before.cameras)
+    np.testing.assert_array_equal(problem.points, before.points)
+
+
 def test_a_fix_at_zero_zero_does_not_move_the_origin() -> None:
     rows = np.array([[46.0, 9.0, 1.0], [46.1, 9.1, 2.0], [0.0, 0.0, 0.0], [46.2, 9.2, 3.0], [46.3, 9.3, 4.0]])
     assert local_positions(rows, geodetic=True).origin.tolist() == [46.1, 9.1, 2.0]
