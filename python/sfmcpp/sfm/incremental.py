@@ -117,8 +117,8 @@ def _is_large_enough(world: Map, settings: IncrementalSettings) -> bool:
 def merge_models(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
     """Add the images of `other` to `kept` if common points determine their place; whether they do.
 
-    Both are of the same scene: images, keypoints and points have the same numbers. Poses and points that
-    `kept` has stay.
+    Both are of the same scene: images, cameras, keypoints and points have the same numbers. Poses, points and
+    intrinsics that `kept` has stay.
     """
     common = np.flatnonzero(kept.known & other.known)
     if len(common) < settings.min_inliers:
@@ -127,6 +127,9 @@ def merge_models(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
     if place is None or not _observations_fit(kept, other, place, settings):
         return False
     images = other.registered & ~kept.registered
+    cameras = np.setdiff1d(kept.image_cameras[images], kept.image_cameras[kept.registered])
+    kept.intrinsics[cameras] = other.intrinsics[cameras]
+    kept.fixed_intrinsics[cameras] = other.fixed_intrinsics[cameras]
     kept.poses[images] = place.apply_to_poses(other.poses[images])
     points = other.known & ~kept.known
     kept.points[points] = place.apply(other.points[points])
