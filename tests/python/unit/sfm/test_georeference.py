@@ -108,6 +108,18 @@ def test_too_few_positions_and_those_on_a_line_are_refused() -> None:
         positions_of(["a"], NamedPositions({"x": (0.0, 0.0, 0.0)}, geodetic=False))
 
 
+def test_of_cameras_with_one_image_each_only_the_focal_length_is_adjusted() -> None:
+    truth = truth_of(0)
+    graph = match_graph(truth, sigma_px=0.5, seed=0)
+    cameras = cameras_of(graph.photos, sharing="each", model="simple-radial", focal_px=1020.0)
+    (world,) = grow_models(Scene.of(graph, cameras), SETTINGS, lambda _: False).models
+    noise = np.random.default_rng(0).normal(0, 0.05, truth.centres.shape)
+    focals = world.intrinsics[:, 0].copy()
+    georeference_map(world, Positions(truth.centres + noise), SETTINGS)
+    assert (world.intrinsics[:, 0] != focals).all()
+    assert not world.intrinsics[:, 5:].any()
+
+
 def camera_errors_m(problem: Problem, truth: FloatArray) -> FloatArray:
     return np.linalg.norm(problem.centres - truth, axis=1)
 
