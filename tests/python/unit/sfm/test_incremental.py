@@ -10,7 +10,7 @@ from sfm_scenes import match_graph
 from sfmcpp.geometry import fit_similarity, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
-from sfmcpp.sfm import MatchGraph
+from sfmcpp.sfm import MatchGraph, reconstruct
 from sfmcpp.sfm.cameras import Cameras, cameras_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.scene import Scene
@@ -71,6 +71,18 @@ def test_an_unknown_focal_length_is_found_from_a_guess_that_is_off_by_a_fifth() 
     assert world.registered.all()
     assert world.intrinsics[0, 0] == pytest.approx(truth.intrinsics[0, 0], rel=0.01)
     assert abs(world.intrinsics[0, 5]) < 0.02
+
+
+def test_the_seed_chooses_matches_that_tell_an_unknown_focal_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    seeds = []
+
+    def noted(*_: object, seed: int = 0) -> None:
+        seeds.append(seed)
+
+    monkeypatch.setattr("sfmcpp.sfm.run.focal_from_pairs", noted)
+    graph = match_graph(truth_of(3, 60), known=False)
+    reconstruct(graph, seed=7, shared_camera="one")
+    assert seeds == [7]
 
 
 def test_rotations_follow_the_truth() -> None:
