@@ -56,6 +56,7 @@ from sfmcpp.sources.io.colmap.database import is_database
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
 Source = str | PathLike[str] | MatchGraph | ImageTracks
+_NO_MASKS = "masks: the source has no images"
 
 
 @dataclass
@@ -150,7 +151,7 @@ def reconstruct(
     settings : IncrementalSettings, optional
         Thresholds of the reconstruction; its seed is replaced.
     front_end : FrontEndSettings, optional
-        Settings of features and matches.
+        Settings of features and matches; its matcher, seed and threads are replaced.
     progress : callable
         Called as ``progress(stage, done, total)``; returning True stops and returns the result so far.
 
@@ -213,6 +214,8 @@ def _scene_of(
     front: FrontEndSettings,
     cache: Cache | None,
 ) -> Scene:
+    if masks is not None and isinstance(source, (MatchGraph, ImageTracks)):
+        raise InvalidArgument(_NO_MASKS)
     if isinstance(source, MatchGraph):
         run.warnings += source.warnings
         return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source), run))
@@ -224,7 +227,7 @@ def _scene_of(
     if path.is_dir() and _has_images(path):
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
-        raise InvalidArgument("masks: the source has no images")
+        raise InvalidArgument(_NO_MASKS)
     _require_no_single_picture(path)
     if is_database(path):
         with run.timed("matching"):

@@ -7,6 +7,7 @@ import pytest
 
 import sfmcpp
 from sfm_scenes import match_graph
+from sfmcpp import InvalidArgument
 from sfmcpp.geometry import fit_similarity, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
@@ -83,6 +84,12 @@ def test_the_seed_chooses_matches_that_tell_an_unknown_focal_length(monkeypatch:
     graph = match_graph(truth_of(3, 60), known=False)
     reconstruct(graph, seed=7, shared_camera="one")
     assert seeds == [7]
+
+
+def test_masks_are_refused_where_there_are_no_images() -> None:
+    graph = match_graph(truth_of(3, 60))
+    with pytest.raises(InvalidArgument, match="masks: the source has no images"):
+        reconstruct(graph, masks="masks")
 
 
 def test_rotations_follow_the_truth() -> None:
