@@ -143,3 +143,18 @@ def test_points_need_three_views_where_that_is_asked_for() -> None:
     world = grown(graph, known_cameras(graph, truth), min_views=3).models[0]
     views = np.bincount(world.keypoint_points[world.keypoint_points >= 0], minlength=len(world.points))
     assert views[world.known].min() >= 3
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"min_angle_deg": float("nan")}, "min_angle_deg = nan: must be finite and not negative"),
+        ({"intrinsics_images": 0}, "intrinsics_images = 0: must be at least 1"),
+        ({"min_model_images": 0}, "min_model_images = 0: must be at least 1"),
+        ({"overlap_images": -1}, "overlap_images = -1: must be at least 0"),
+        ({"local_images": 2.5}, "local_images = 2.5: must be a whole number"),
+    ],
+)
+def test_settings_out_of_their_range_are_refused_by_name(change: dict[str, float], rule: str) -> None:
+    with pytest.raises(InvalidArgument, match=rule):
+        IncrementalSettings(**change)  # type: ignore[arg-type]
