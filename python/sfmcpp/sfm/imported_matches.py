@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import index
 from os import PathLike
 
 import numpy as np
@@ -186,7 +187,7 @@ def _checked_pair(
     """With the lower number first."""
     name = f"matches[{pair}]"
     try:
-        i, j = (int(number) for number in pair)
+        i, j = (index(number) for number in pair)
     except (TypeError, ValueError):
         raise InvalidArgument(f"{name}: the key must be the numbers of two images") from None
     if i == j or not all(0 <= number < len(features) for number in (i, j)):

@@ -82,6 +82,8 @@ def test_scales_and_colours_are_kept() -> None:
         ({"matches": {(0, 3): EACH}}, r"matches\[\(0, 3\)\]: must be of two different images from 0 to 2"),
         ({"matches": {(1, 1): EACH}}, r"matches\[\(1, 1\)\]: must be of two different"),
         ({"matches": {"01x": EACH}}, r"matches\[01x\]: the key must be the numbers of two images"),
+        ({"matches": {(0, 1.5): EACH}}, r"matches\[\(0, 1\.5\)\]: the key must be the numbers of two images"),
+        ({"matches": {(0, 1): EACH, ("0", "1"): EACH}}, r"the key must be the numbers of two images"),
         ({"matches": {(0, 1): EACH, (1, 0): EACH}}, r"has both \(0, 1\) and \(1, 0\)"),
         ({"matches": {(0, 1): EACH.T}}, r"matches\[\(0, 1\)\]: shape \(2, 60\)"),
         ({"matches": {(0, 1): [(0, 60)]}}, r"\[0, 1\] = 60: must be the number of one of the 60 keypoints"),
