@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 from copy import deepcopy
 from dataclasses import replace
@@ -398,6 +399,8 @@ def test_the_same_bits_for_the_same_seed() -> None:
 def test_what_came_out_of_positions_is_told_in_a_line() -> None:
     truth = flight(GRID, 3)
     gps = truth.centres + np.random.default_rng(3).normal(0, 0.1, truth.centres.shape)
-    told = repr(georeference(in_a_frame_of_its_own(truth, 3), gps).outcome)
+    outcome = georeference(in_a_frame_of_its_own(truth, 3), gps).outcome
+    assert json.loads(json.dumps(outcome.to_dict()))["rms_m"] == outcome.rms_m  # plain values alone
+    told = repr(outcome)
     assert re.match(r"GpsOutcome\(σ \S+ m, the model within \S+ m; left out none of \d+; origin x_m ", told)
     assert "\n" not in told
