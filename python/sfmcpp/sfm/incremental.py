@@ -57,7 +57,7 @@ def grow_models(scene: Scene, settings: IncrementalSettings, progress: Callable[
 
     Returns
     -------
-    Grown
+    GrownModels
         Models that overlap are joined. No model is thrown away but small ones beside a larger one.
     """
     grown, num_images = GrownModels(), len(scene.graph.photos)

@@ -31,7 +31,7 @@ def image_outcomes(graph: MatchGraph, grown: GrownModels) -> dict[str, ImageOutc
     ----------
     graph : MatchGraph
         Images, features and pairs.
-    grown : Grown
+    grown : GrownModels
         Models.
 
     Returns
@@ -119,7 +119,7 @@ def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSett
     ----------
     graph : MatchGraph
         Images, features and pairs.
-    grown : Grown
+    grown : GrownModels
         Models.
     settings : IncrementalSettings
         What an outlier is.
@@ -159,7 +159,7 @@ def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
     ----------
     cameras : Cameras
         What was known at the start.
-    grown : Grown
+    grown : GrownModels
         Models.
 
     Returns
