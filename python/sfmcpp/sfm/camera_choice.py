@@ -39,8 +39,8 @@ def choose_camera_model(
 ) -> None:
     """Free more intrinsics of the cameras of a model, as long as that is worth it.
 
-    Where positions of the images are known, they are an independent witness: intrinsics that bend the model
-    away from them stay as they are, however much they lower the cost of the images.
+    Where positions of the images are known, they check it: intrinsics that bend the model away from them stay
+    as they are, however much they lower the cost of the images.
 
     Parameters
     ----------

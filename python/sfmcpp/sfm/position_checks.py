@@ -48,7 +48,7 @@ _DOUBTFUL = (
 )
 # No receiver is wrong about itself by such a factor where its unit is right.
 _OTHER_UNIT = 5.0
-# Honest positions never scatter by such a factor more than stated where there are enough of them.
+# Right positions never scatter by such a factor more than stated where there are enough of them.
 _MUCH_SCATTER, _ENOUGH_FOR_SCATTER = 2.0, 10
 _WRONG_SIGMA = (
     "the positions scatter by {:.3g} m where {:.3g} m is stated: check the unit of the stated σ, and, if "

@@ -108,7 +108,7 @@ def test_a_wrong_coordinate_is_named() -> None:
     assert "wrong number or mark" in told
 
 
-def test_honest_points_are_not_named() -> None:
+def test_right_points_are_not_named() -> None:
     _, model, control = scene()
     alarms = 0
     for seed in range(10):

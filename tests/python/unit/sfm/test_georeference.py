@@ -1,4 +1,4 @@
-"""Positions of images: the model in their world, and those that lie."""
+"""Positions of images: the model in their world, and wrong ones."""
 
 from __future__ import annotations
 
@@ -54,20 +54,20 @@ def error_m(world: Map, truth: Problem) -> float:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_positions_that_lie_are_named_and_cost_nothing(seed: int) -> None:
+def test_wrong_positions_are_named_and_cost_nothing(seed: int) -> None:
     truth = truth_of(seed)
     random = np.random.default_rng(seed)
-    honest = truth.centres + random.normal(0, 1.0, truth.centres.shape)
-    liars = np.sort(random.choice(truth.num_cameras, 3, replace=False))
-    lies = honest.copy()
+    right = truth.centres + random.normal(0, 1.0, truth.centres.shape)
+    wrong = np.sort(random.choice(truth.num_cameras, 3, replace=False))
+    some_wrong = right.copy()
     directions = random.normal(size=(3, 3))
-    lies[liars] += 20 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    by_hand = honest.copy()
-    by_hand[liars] = np.nan
+    some_wrong[wrong] += 20 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    by_hand = right.copy()
+    by_hand[wrong] = np.nan
     world, control = model_of(seed), model_of(seed)
-    found = georeference_map(world, Positions(lies), SETTINGS)
+    found = georeference_map(world, Positions(some_wrong), SETTINGS)
     georeference_map(control, Positions(by_hand), SETTINGS)
-    assert found.outliers == [world.image_names[liar] for liar in liars]
+    assert found.outliers == [world.image_names[image] for image in wrong]
     assert error_m(world, truth) <= 1.05 * error_m(control, truth)
     assert found.sigma_m == pytest.approx(1.0, rel=0.35)  # of 51 numbers: 10 % is one standard deviation
 
@@ -210,7 +210,7 @@ LINE_AND_ONE = np.append(np.outer(np.arange(6), [10.0, 10.0]), [[40.0, 5.0]], ax
 
 
 @pytest.mark.parametrize("seed", [0, 1, 4])
-def test_a_position_that_alone_tells_the_roll_is_no_lie(seed: int) -> None:
+def test_a_position_that_alone_tells_the_roll_is_not_wrong(seed: int) -> None:
     truth = flight(LINE_AND_ONE, seed)
     gps = truth.centres + np.random.default_rng(seed).normal(0, 0.05, truth.centres.shape)
     problem = in_a_frame_of_its_own(truth, seed)
@@ -221,7 +221,7 @@ def test_a_position_that_alone_tells_the_roll_is_no_lie(seed: int) -> None:
     assert "depends on the position of 6 alone" in warning
 
 
-def test_what_no_roll_explains_is_a_lie_all_the_same() -> None:
+def test_what_no_roll_explains_is_wrong_all_the_same() -> None:
     truth = flight(LINE_AND_ONE, 0)
     gps = truth.centres + np.random.default_rng(0).normal(0, 0.05, truth.centres.shape)
     gps[6] += [500.0, 0.0, 0.0]
@@ -359,7 +359,7 @@ def test_degrees_under_x_and_y_are_refused_and_small_scenes_are_not(order: tuple
         np.testing.assert_array_equal(local_positions(table_top, geodetic=False).metres, table_top)
 
 
-def test_a_far_lie_does_not_put_the_others_on_a_line() -> None:
+def test_a_far_outlier_does_not_put_the_others_on_a_line() -> None:
     truth = flight(GRID, 3)
     gps = truth.centres + np.random.default_rng(3).normal(0, 0.1, truth.centres.shape)
     gps[4] += 1e6

@@ -58,7 +58,7 @@ def test_a_map_of_another_frame_is_put_in_its_place() -> None:
     assert first.poses == pytest.approx(whole.poses, abs=1e-6)
 
 
-def test_points_that_lie_do_not_matter() -> None:
+def test_wrong_points_do_not_matter() -> None:
     whole, first, last = two_halves()
     last.transform(MOVE)
     wrong = np.flatnonzero(last.known)[::4]

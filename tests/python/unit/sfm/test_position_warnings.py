@@ -97,7 +97,7 @@ def test_one_wrong_position_is_named_by_its_own_standard_deviation() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("heights", "stated"), [(2.0, True), (3.0, False)])
-def test_no_honest_position_is_named(seed: int, heights: float, stated: bool) -> None:
+def test_no_right_position_is_named(seed: int, heights: float, stated: bool) -> None:
     assert not warnings_of_block(seed, heights=heights, stated=stated)
 
 
