@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_normalised, unit
 from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
@@ -16,7 +17,7 @@ from sfmcpp.geometry.relative_pose import RelativePose
 from sfmcpp.geometry.resection import pose_inliers
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
-from sfmcpp.model.checks import require_count, require_positive
+from sfmcpp.model.checks import is_rotation, require_count, require_positive
 
 # With two thirds of the matches wrong, all samples miss once in 10⁷ times.
 _SAMPLES = 150
@@ -64,10 +65,10 @@ def relative_pose_of_rotation(
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite or out of its range.
+        If a shape is wrong, a number is not finite or out of its range, or `rotation` is none.
     """
     matches = checked_matches(pixels_1, pixels_2, intrinsics, None)
-    turn = finite_array("rotation", rotation, (3, 3))
+    turn = _rotation(rotation)
     require_count("min_inliers", min_inliers, 2)
     require_positive("threshold_px", threshold_px)
     if len(matches) < min_inliers:
@@ -119,11 +120,11 @@ def resection_of_rotation(
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite or out of its range.
+        If a shape is wrong, a number is not finite or out of its range, or `rotation` is none.
     """
     world = finite_array("points", points, (-1, 3))
     images = finite_array("pixels", pixels, (len(world), 2))
-    row, turn = intrinsics_row("intrinsics", intrinsics), finite_array("rotation", rotation, (3, 3))
+    row, turn = intrinsics_row("intrinsics", intrinsics), _rotation(rotation)
     require_count("min_inliers", min_inliers, 2)
     require_positive("threshold_px", threshold_px)
     if len(world) < min_inliers:
@@ -131,6 +132,13 @@ def resection_of_rotation(
     equations = _Centre(world @ turn, to_normalised(images, row), threshold_px / mean_focal_px(row))
     camera = np.column_stack([turn, turn @ equations.solve(seed)])
     return pose_with_inliers(camera, pose_inliers(camera, world, images, row, threshold_px), min_inliers)
+
+
+def _rotation(value: ArrayLike) -> FloatArray:
+    rotation = finite_array("rotation", value, (3, 3))
+    if not is_rotation(rotation):
+        raise InvalidArgument("rotation: must be orthonormal and right-handed")
+    return rotation
 
 
 class _Epipolar:

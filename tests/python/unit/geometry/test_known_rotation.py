@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sfmcpp import InvalidArgument
 from sfmcpp.geometry import relative_pose_of_rotation, resection_of_rotation
 from sfmcpp.geometry.pinhole import to_pixels
 
@@ -72,3 +73,12 @@ def test_too_few_are_refused() -> None:
     points, first, second = scene(8, 0.0, seed=4)
     assert relative_pose_of_rotation(first, second, INTRINSICS, ROTATION).failure == "too few matches"
     assert resection_of_rotation(points, second, INTRINSICS, ROTATION).failure == "too few matches"
+
+
+@pytest.mark.parametrize("matrix", [2 * np.eye(3), np.diag([1.0, 1.0, -1.0])])
+def test_a_matrix_that_is_no_rotation_is_refused(matrix: np.ndarray) -> None:
+    points, first, second = scene(60, 0.0, seed=1)
+    with pytest.raises(InvalidArgument, match="rotation: must be orthonormal and right-handed"):
+        relative_pose_of_rotation(first, second, INTRINSICS, matrix)
+    with pytest.raises(InvalidArgument, match="rotation: must be orthonormal and right-handed"):
+        resection_of_rotation(points, second, INTRINSICS, matrix)
