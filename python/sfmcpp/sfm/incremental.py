@@ -95,9 +95,12 @@ def _add_model(grown: GrownModels, growth: Growth, scene: Scene, settings: Incre
     world, joined = growth.world, False
     while (both := _merged_with_overlapping(grown.models, world, settings)) is not None:
         world, joined = both, True
-    if joined:
-        Growth(scene, settings, np.zeros(world.num_images, dtype=np.bool_), world).finish()
     grown.models.append(world)
+    if joined:
+        try:
+            Growth(scene, settings, np.zeros(world.num_images, dtype=np.bool_), world).finish()
+        except KeyboardInterrupt:
+            grown.interrupted = True
 
 
 def _merged_with_overlapping(models: list[Map], world: Map, settings: IncrementalSettings) -> Map | None:

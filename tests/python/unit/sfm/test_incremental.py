@@ -13,6 +13,7 @@ from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.sfm import MatchGraph, reconstruct
 from sfmcpp.sfm.cameras import Cameras, cameras_of
+from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -135,6 +136,26 @@ def test_a_listener_that_asks_to_stop_leaves_the_model_so_far() -> None:
     found = grow_models(scene, IncrementalSettings(), lambda count: count >= 5)
     assert found.interrupted
     assert int(found.models[0].registered.sum()) == 5
+
+
+def test_an_interruption_while_models_are_joined_leaves_what_there_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one, two = truth_of(4, 150), truth_of(3, 150)
+    graph = together(match_graph(one, sigma_px=SIGMA_PX), match_graph(two, sigma_px=SIGMA_PX, seed=1))
+    finish, finished = Growth.finish, []
+
+    def finish_or_interrupt(growth: Growth) -> None:
+        finished.append(growth)
+        if len(finished) > 2:
+            raise KeyboardInterrupt
+        finish(growth)
+
+    monkeypatch.setattr(Growth, "finish", finish_or_interrupt)
+    monkeypatch.setattr("sfmcpp.sfm.incremental.merge_models", lambda *_: True)
+    found = grown(graph, known_cameras(graph, one))
+    assert found.interrupted
+    assert [int(world.registered.sum()) for world in found.models] == [4]
 
 
 def test_points_need_three_views_where_that_is_asked_for() -> None:
