@@ -389,6 +389,11 @@ def seen_twice_where_one() -> Map:
         (lambda m: m.observe([0], [1]), "a keypoint sees one point at most"),
         (lambda m: m.observe([1, 1], [1, 1]), "a keypoint sees one point at most"),
         (lambda m: m.add_images(["c"], [1], [0], np.zeros((0, 2))), "must be from 0 to 0"),
+        (
+            lambda m: m.add_images(["c"], [0.5], [0], np.zeros((0, 2))),
+            r"cameras: float64 .* must be .* whole numbers",
+        ),
+        (lambda m: m.add_images(["c", "d"], [0, 0], [3, -1], np.zeros((2, 2))), "counts: must be from 0 to"),
         (lambda m: m.add_images(["c"], [0], [2], np.zeros((2, 2)), points=[1, 1]), "sees a point once"),
         (lambda m: m.add_images(["c"], [0], [2], np.zeros((3, 2))), r"keypoints: shape \(3, 2\), must be"),
         (lambda m: m.add_cameras(np.zeros((1, 5))), r"intrinsics: shape \(1, 5\), must be \(1, 3\)"),
