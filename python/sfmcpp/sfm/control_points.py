@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -197,7 +198,8 @@ class _Survey:
         kept = [point for point in range(len(control.names)) if seen[point] >= _FEWEST_MARKS]
         _require_enough(control, kept)
         rows = np.array(control.positions, dtype=np.float64)[kept]
-        local = local_positions(rows, control.geodetic)
+        with _named_control():
+            local = local_positions(rows, control.geodetic)
         if not local.known.all():
             name = control.names[kept[int(np.argmin(local.known))]]
             raise InvalidArgument(
@@ -221,10 +223,20 @@ class _Survey:
         )
 
 
+@contextmanager
+def _named_control() -> Iterator[None]:
+    """What is refused of positions in general is refused of the argument `control` here."""
+    try:
+        yield
+    except InvalidArgument as error:
+        raise InvalidArgument(f"control: {str(error).removeprefix('gps: ')}") from None
+
+
 def _cameras_of_marks(problem: Problem, control: ControlPoints) -> dict[str, int]:
     """Cameras of the images that are named in marks, as far as the model has them."""
     names, wanted = image_names(problem), list(dict.fromkeys(mark.image for mark in control.marks))
-    alike = match_names(names, wanted)
+    with _named_control():
+        alike = match_names(names, wanted)
     if not alike:
         listed = ", ".join(wanted[:3]), ", ".join(names[:3])
         raise InvalidArgument(

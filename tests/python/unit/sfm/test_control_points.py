@@ -144,6 +144,14 @@ def test_what_cannot_be_used_is_refused() -> None:
     line = [(UTM[0] + k, UTM[1], UTM[2]) for k in range(SURVEYED)]
     with pytest.raises(InvalidArgument, match="on a line"):
         fit_control_points(model, replace(control, positions=line))
+    degrees = [(48.1 + 1e-6 * k, 11.5 + 1e-6 * k**2, 520.0) for k in range(SURVEYED)]
+    with pytest.raises(InvalidArgument, match=r"^control: x and y are 48\.1 and 11\.5 .* degrees"):
+        fit_control_points(model, replace(control, positions=degrees))
+    twice = model.copy()
+    twice.metadata.image_names = [f"{k // 2:03}.{'jpg' if k % 2 else 'dng'}" for k in range(30)]
+    marks = [replace(mark, image=mark.image.removesuffix(".jpg")) for mark in control.marks]
+    with pytest.raises(InvalidArgument, match=r"^control: the position of 000 may be that of 000\.dng or of"):
+        fit_control_points(twice, replace(control, marks=marks))
     with pytest.raises(InvalidArgument, match="sigma_m"):
         fit_control_points(model, control, sigma_m=0.0)
     model.fixed_cameras[0] = True
