@@ -20,8 +20,9 @@ from sfmcpp.model.checks import require_count, require_fraction, require_positiv
 
 # Fewer samples than this save no time worth having.
 _MIN_ITERATIONS = 50
-# Points no closer together and coordinates no larger than this, in the unit of length and in the extent of
-# the points: with others, as in millimetres or of a map grid, PoseLib's steps stop short of the minimum.
+# Points are usually no closer together and no farther apart than this, and no farther from the origin, in the
+# unit of length and in their extent: with others, as in millimetres or of a map grid, PoseLib's steps stop
+# short of the minimum.
 _LEAST_EXTENT, _LARGEST = 1e-4, 1e4
 
 
@@ -144,11 +145,13 @@ def absolute_camera(
 def working_frame(points: FloatArray) -> tuple[FloatArray, float]:
     """Origin (3,) and unit of length in which coordinates of `points` (N, 3) are neither tiny nor huge.
 
-    The world's own where they are neither there.
+    The world's own where most are neither there.
     """
-    middle = points.mean(axis=0)
-    extent = float(np.abs(points - middle).max())
-    if extent >= _LEAST_EXTENT and np.abs(points).max() <= _LARGEST * min(extent, 1.0):
+    middle = np.asarray(np.median(points, axis=0))
+    distances = np.abs(points - middle).max(axis=1)
+    extent = float(np.median(distances)) or float(distances.max())
+    is_usual = _LEAST_EXTENT <= extent <= _LARGEST
+    if is_usual and np.abs(middle).max() <= _LARGEST * min(extent, 1.0):
         return np.zeros(3), 1.0
     return middle, extent
 
