@@ -79,6 +79,8 @@ def test_scales_and_colours_are_kept() -> None:
         ({"keypoints": []}, "keypoints: is empty"),
         ({"keypoints": [np.ones((3, 3))] * 3}, r"keypoints\[0\]: shape \(3, 3\)"),
         ({"keypoints": [np.ones((3, 2)), [[np.nan, 1]], []]}, r"keypoints\[1\]\[0, 0\] = nan"),
+        ({"scales": [np.ones(60), np.append(np.ones(59), np.inf), np.ones(60)]}, r"scales\[1\]\[59\] = inf"),
+        ({"scales": [-np.ones(60), np.ones(60), np.ones(60)]}, r"scales\[0\]\[0\] = -1: must be finite, not"),
         ({"matches": {(0, 3): EACH}}, r"matches\[\(0, 3\)\]: must be of two different images from 0 to 2"),
         ({"matches": {(1, 1): EACH}}, r"matches\[\(1, 1\)\]: must be of two different"),
         ({"matches": {"01x": EACH}}, r"matches\[01x\]: the key must be the numbers of two images"),
