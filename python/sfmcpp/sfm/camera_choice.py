@@ -45,8 +45,8 @@ def choose_camera_model(
     Parameters
     ----------
     world : Map
-        Adjusted with ``"simple-radial"`` cameras; it is adjusted with those that are chosen, and they are
-        named.
+        Adjusted with ``"simple-radial"`` cameras, or those chosen before it was joined of parts; it is
+        adjusted with those that are chosen, and they are named.
     settings : IncrementalSettings
         Scale of the loss, and how many images a camera needs.
     positions : Positions, optional
@@ -61,9 +61,12 @@ def choose_camera_model(
         estimated = ~local.problem.fixed_intrinsics.all(axis=1) & ~np.isin(local.cameras, simple)
         if not estimated.any():
             break
-        for intrinsic in intrinsics:
-            local.problem.fixed_intrinsics[estimated, PERSPECTIVE.index(intrinsic)] = False
         freed = local.problem.fixed_intrinsics.copy()
+        freed[np.ix_(estimated, [PERSPECTIVE.index(intrinsic) for intrinsic in intrinsics])] = False
+        if np.array_equal(freed, local.problem.fixed_intrinsics):
+            name = richer
+            continue
+        local.problem.fixed_intrinsics[:] = freed
         cost = adjusted(world, settings, local, **FINE)
         poses = world.poses.copy()
         poses[local.images] = local.problem.cameras

@@ -12,7 +12,8 @@ from sfmcpp.geometry import fit_similarity, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.sfm import MatchGraph, reconstruct
-from sfmcpp.sfm.cameras import Cameras, cameras_of
+from sfmcpp.sfm.camera_choice import choose_camera_model
+from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras, cameras_of
 from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.scene import Scene
@@ -156,6 +157,15 @@ def test_an_interruption_while_models_are_joined_leaves_what_there_is(
     found = grown(graph, known_cameras(graph, one))
     assert found.interrupted
     assert [int(world.registered.sum()) for world in found.models] == [4]
+
+
+def test_cameras_that_were_chosen_before_keep_their_name() -> None:
+    truth = truth_of(8, 200)
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    (world,) = grown(graph, cameras_of(graph.photos, model="simple-radial", focal_px=1000.0)).models
+    world.fixed_intrinsics[:, PERSPECTIVE.index("k2")] = False
+    choose_camera_model(world, IncrementalSettings())
+    assert world.camera_names == ["RADIAL"]
 
 
 def test_points_need_three_views_where_that_is_asked_for() -> None:
