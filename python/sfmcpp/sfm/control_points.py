@@ -24,7 +24,7 @@ from sfmcpp.geometry import (
 )
 from sfmcpp.model import Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
-from sfmcpp.model.checks import require_positive
+from sfmcpp.model.checks import require_positive, require_seed
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
@@ -133,6 +133,7 @@ def fit_control_points(
     control: ControlPoints,
     *,
     sigma_m: float = SURVEY_SIGMA_M,
+    seed: int = 0,
     **options: Unpack[SolveKeywords],
 ) -> Controlled:
     """Move and adjust a model to ground control points.
@@ -146,6 +147,8 @@ def fit_control_points(
         two images of the model; see :func:`sfmcpp.sources.io.read_control_points`.
     sigma_m : float
         Standard deviation of each coordinate of the survey where it states none [m].
+    seed : int
+        Random seed of the search for points that agree.
     **options
 
     Returns
@@ -162,12 +165,13 @@ def fit_control_points(
     """
     require_movable(problem)
     require_positive("sigma_m", sigma_m)
+    require_seed(seed)
     survey = _Survey.of(problem, control, sigma_m)
     numbers = np.arange(len(survey.names), dtype=np.int32) + problem.num_points
     joined = _with_marked_points(problem, survey, numbers)
     solve(joined, **options).require_uninterrupted()
     used = ~survey.checks
-    _move(joined, joined.points[numbers[used]], survey.metres[used])
+    _move(joined, joined.points[numbers[used]], survey.metres[used], seed)
     variance = pixel_variance(linear_model(joined, [], dict(options)))
     group = _group(survey, numbers[used], variance)
     solve(joined, constraints=[group], **options).require_uninterrupted()
@@ -274,9 +278,9 @@ def _with_marked_points(problem: Problem, survey: _Survey, numbers: IndexArray) 
     return joined
 
 
-def _move(problem: Problem, here: FloatArray, metres: FloatArray) -> None:
+def _move(problem: Problem, here: FloatArray, metres: FloatArray, seed: int) -> None:
     """Move a model so that most of its points `here` (n, 3) come to `metres` (n, 3)."""
-    good = agreeing_pairs(here, metres)
+    good = agreeing_pairs(here, metres, seed=seed)
     if is_on_a_line(metres[good]):
         raise InvalidArgument(
             "control: the points lie on a line, which leaves the model free to turn round it"

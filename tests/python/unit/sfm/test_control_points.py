@@ -9,7 +9,7 @@ import pytest
 
 import sfmcpp
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import Similarity
+from sfmcpp.geometry import Similarity, agreeing_pairs
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import geodetic_of
 from sfmcpp.sfm import fit_control_points
@@ -132,6 +132,21 @@ def test_points_seen_once_are_left_out_and_named() -> None:
     found = fit_control_points(model, replace(control, marks=marks))
     assert found.outcome.left_out == ["p0"]
     assert any("p0" in warning for warning in found.outcome.warnings)
+
+
+def test_the_seed_reaches_the_search_for_points_that_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, model, control = scene()
+    seeds = []
+
+    def noted(source: np.ndarray, target: np.ndarray, *, seed: int) -> np.ndarray:
+        seeds.append(seed)
+        return agreeing_pairs(source, target, seed=seed)
+
+    monkeypatch.setattr("sfmcpp.sfm.control_points.agreeing_pairs", noted)
+    fit_control_points(model, control, seed=5)
+    assert seeds == [5]
+    with pytest.raises(InvalidArgument, match="seed = -1: must be an integer"):
+        fit_control_points(model, control, seed=-1)
 
 
 def test_what_cannot_be_used_is_refused() -> None:
