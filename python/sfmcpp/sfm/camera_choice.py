@@ -62,7 +62,8 @@ def choose_camera_model(
         if not estimated.any():
             break
         freed = local.problem.fixed_intrinsics.copy()
-        freed[np.ix_(estimated, [PERSPECTIVE.index(intrinsic) for intrinsic in intrinsics])] = False
+        for intrinsic in intrinsics:
+            freed[estimated, PERSPECTIVE.index(intrinsic)] = False
         if np.array_equal(freed, local.problem.fixed_intrinsics):
             name = richer
             continue
