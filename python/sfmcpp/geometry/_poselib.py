@@ -20,6 +20,10 @@ from sfmcpp.model.checks import require_count, require_fraction, require_positiv
 
 # Fewer samples than this save no time worth having.
 _MIN_ITERATIONS = 50
+# Points are usually no closer together and no farther apart than this, and no farther from the origin, in the
+# unit of length and in their extent: with others, as in millimetres or of a map grid, PoseLib's steps stop
+# short of the minimum.
+_LEAST_EXTENT, _LARGEST = 1e-4, 1e4
 
 
 @dataclass(frozen=True)
@@ -126,14 +130,30 @@ def absolute_camera(
     points: FloatArray, pixels: FloatArray, intrinsics: FloatArray, options: RansacOptions
 ) -> FloatArray:
     """``[R | c]`` (3, 4) of the camera that sees world `points` at `pixels`, by three points and RANSAC."""
+    origin, length = working_frame(points)
     pose, _ = _load().estimate_absolute_pose(
         _ideal_pixels(pixels, intrinsics),
-        points,
+        (points - origin) / length,
         _ideal_camera(intrinsics),
         _ransac("max_reproj_error", options),
         _refinement(options),
     )
-    return _world_from_camera(pose)
+    camera = _world_from_camera(pose)
+    return np.column_stack([camera[:, :3], origin + length * camera[:, 3]])
+
+
+def working_frame(points: FloatArray) -> tuple[FloatArray, float]:
+    """Origin (3,) and unit of length in which coordinates of `points` (N, 3) are neither tiny nor huge.
+
+    The world's own where most are neither there.
+    """
+    middle = np.asarray(np.median(points, axis=0))
+    distances = np.abs(points - middle).max(axis=1)
+    extent = float(np.median(distances)) or float(distances.max())
+    is_usual = _LEAST_EXTENT <= extent <= _LARGEST
+    if is_usual and np.abs(middle).max() <= _LARGEST * min(extent, 1.0):
+        return np.zeros(3), 1.0
+    return middle, extent
 
 
 def cameras_of_four_points(points: FloatArray, images: FloatArray) -> list[tuple[FloatArray, float]]:

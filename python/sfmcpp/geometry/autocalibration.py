@@ -30,6 +30,8 @@ _FOCAL_RANGE = (0.1, 30.0)
 # Deviation of a view's conic from the expected one, of norm √3, from which on it counts less.
 _ROBUST_SCALE = 0.1
 _MAX_STEPS, _ENOUGH = 60, 1e-10
+# Least singular value over the largest of a matrix that has a rank of three.
+_LEAST_RANK_RATIO = 1e-14
 _SAME = 0.01
 _UPPER = np.triu_indices(4)
 
@@ -93,13 +95,24 @@ def metric_frames(
         raise InvalidArgument(
             f"projections: {len(matrices)}, must be at least {fewest} with focal = {focal!r}"
         )
-    cameras, world = _balanced(np.asarray(np.linalg.solve(kernels, matrices), dtype=np.float64))
+    _require_full_rank("calibrations", kernels)
+    normalised = np.asarray(np.linalg.solve(kernels, matrices), dtype=np.float64)
+    _require_full_rank("projections", normalised)
+    cameras, world = _balanced(normalised)
     search = _Search(cameras, focal)
     found = [search.refine(start) for start in search.starts()]
     frames = [search.frame(x, cost, world) for cost, x in sorted(found, key=lambda pair: pair[0])]
     low, high = _FOCAL_RANGE
     inside = [f for f in frames if np.isfinite(f.cost) and low < f.focals.min() and f.focals.max() < high]
     return _distinct_frames(inside)
+
+
+def _require_full_rank(name: str, matrices: FloatArray) -> None:
+    """Raise InvalidArgument unless all matrices (C, 3, n) have a rank of three."""
+    values = np.linalg.svd(matrices, compute_uv=False)
+    full = values[:, 2] > _LEAST_RANK_RATIO * values[:, 0]
+    if not full.all():
+        raise InvalidArgument(f"{name}[{int(np.argmin(full))}]: must have a rank of three")
 
 
 def _balanced(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:

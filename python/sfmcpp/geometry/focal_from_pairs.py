@@ -102,16 +102,21 @@ def _largest_centred_pairs(
         checked.append((pixels_1 - centre, finite_array(f"pairs[{k}][1]", b, (len(pixels_1), 2)) - centre))
     most = sorted((p for p in checked if len(p[0]) >= _LEAST_MATCHES), key=lambda p: -len(p[0]))
     rng = np.random.default_rng(seed)
-    return [_with_fundamental(*pair, rng) for pair in most[:_MOST_PAIRS]]
+    found = (_with_fundamental(*pair, rng) for pair in most[:_MOST_PAIRS])
+    return [pair for pair in found if pair is not None]
 
 
-def _with_fundamental(pixels_1: FloatArray, pixels_2: FloatArray, rng: np.random.Generator) -> _Pair:
+def _with_fundamental(pixels_1: FloatArray, pixels_2: FloatArray, rng: np.random.Generator) -> _Pair | None:
+    """The pair; None where no fundamental matrix tells anything of its matches, as of those at one place."""
     some = rng.permutation(len(pixels_1))[:_MOST_MATCHES]
     first, second = pixels_1[some], pixels_2[some]
     start = fundamental_linear(first, second)
     scale = _scale_px(sampson_errors_px(start, first, second))
+    if not np.isfinite(scale):
+        return None
     matrix = refined_fundamental(first, second, start, _options(scale))
-    return _Pair(first, second, matrix, _scale_px(sampson_errors_px(matrix, first, second)))
+    scale = _scale_px(sampson_errors_px(matrix, first, second))
+    return _Pair(first, second, matrix, scale) if np.isfinite(scale) else None
 
 
 def _scale_px(errors_px: FloatArray) -> float:

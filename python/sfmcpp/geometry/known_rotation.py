@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_normalised, unit
 from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
@@ -16,13 +17,15 @@ from sfmcpp.geometry.relative_pose import RelativePose
 from sfmcpp.geometry.resection import pose_inliers
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
-from sfmcpp.model.checks import require_count, require_positive
+from sfmcpp.model.checks import is_rotation, require_count, require_positive
 
 # With two thirds of the matches wrong, all samples miss once in 10⁷ times.
 _SAMPLES = 150
 _ROUNDS = 8
 # Errors over the threshold beyond which a match has no say.
 _FAR = 3.0
+# Points at one place in the image tell no depth: this share of the identity keeps them solvable.
+_LIFT = 1e-12
 
 
 @checked()
@@ -62,10 +65,10 @@ def relative_pose_of_rotation(
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite or out of its range.
+        If a shape is wrong, a number is not finite or out of its range, or `rotation` is none.
     """
     matches = checked_matches(pixels_1, pixels_2, intrinsics, None)
-    turn = finite_array("rotation", rotation, (3, 3))
+    turn = _rotation(rotation)
     require_count("min_inliers", min_inliers, 2)
     require_positive("threshold_px", threshold_px)
     if len(matches) < min_inliers:
@@ -117,11 +120,11 @@ def resection_of_rotation(
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite or out of its range.
+        If a shape is wrong, a number is not finite or out of its range, or `rotation` is none.
     """
     world = finite_array("points", points, (-1, 3))
     images = finite_array("pixels", pixels, (len(world), 2))
-    row, turn = intrinsics_row("intrinsics", intrinsics), finite_array("rotation", rotation, (3, 3))
+    row, turn = intrinsics_row("intrinsics", intrinsics), _rotation(rotation)
     require_count("min_inliers", min_inliers, 2)
     require_positive("threshold_px", threshold_px)
     if len(world) < min_inliers:
@@ -129,6 +132,13 @@ def resection_of_rotation(
     equations = _Centre(world @ turn, to_normalised(images, row), threshold_px / mean_focal_px(row))
     camera = np.column_stack([turn, turn @ equations.solve(seed)])
     return pose_with_inliers(camera, pose_inliers(camera, world, images, row, threshold_px), min_inliers)
+
+
+def _rotation(value: ArrayLike) -> FloatArray:
+    rotation = finite_array("rotation", value, (3, 3))
+    if not is_rotation(rotation):
+        raise InvalidArgument("rotation: must be orthonormal and right-handed")
+    return rotation
 
 
 class _Epipolar:
@@ -167,29 +177,31 @@ class _Centre:
     """
 
     def __init__(self, points: FloatArray, images: FloatArray, scale: float) -> None:
-        self._points, self._images, self._scale = points, images, scale
+        # The lift draws a centre to the origin: that is among the points, wherever the world has it.
+        self._origin = points.mean(axis=0)
+        self._points, self._images, self._scale = points - self._origin, images, scale
         ones, zeros = np.ones(len(points)), np.zeros(len(points))
         u, v = images.T
         self._rows = np.stack(
             [np.column_stack([ones, zeros, -u]), np.column_stack([zeros, ones, -v])], axis=1
         )
-        self._sides = np.einsum("nij,nj->ni", self._rows, points)
+        self._sides = np.einsum("nij,nj->ni", self._rows, self._points)
 
     def solve(self, seed: int) -> FloatArray:
         """Best of the samples of two points, then weighted least squares."""
         first, second = _pairs(len(self._points), seed)
         normal = np.einsum("nij,nik->njk", self._rows, self._rows)
         right = np.einsum("nij,ni->nj", self._rows, self._sides)
-        # Points at one place in the image tell no depth: a little of the identity keeps them solvable.
-        lift = 1e-12 * np.eye(3)
-        sums = normal[first] + normal[second] + lift, right[first] + right[second]
-        centres = np.linalg.solve(sums[0], sums[1][:, :, None])[:, :, 0]
+        pairs = normal[first] + normal[second], right[first] + right[second]
+        centres = np.linalg.solve(_lifted(pairs[0]), pairs[1][:, :, None])[:, :, 0]
         best: FloatArray = centres[int(np.argmin(_truncated_sums(self._errors(centres), self._scale)))]
         for _ in range(_ROUNDS):
             weights = _weights(self._errors(best[None])[:, 0] / self._scale)
+            if not weights.any():
+                break
             weights /= np.where(weights > 0, self._points[:, 2] - best[2], 1.0) ** 2
-            best = np.linalg.solve(np.einsum("n,njk->jk", weights, normal) + lift, weights @ right)
-        return np.asarray(best)
+            best = np.linalg.solve(_lifted(np.einsum("n,njk->jk", weights, normal)), weights @ right)
+        return np.asarray(self._origin + best)
 
     def _errors(self, centres: FloatArray) -> FloatArray:
         """(N, k) distances at depth one for each of the centres (k, 3); infinite behind the camera."""
@@ -198,6 +210,12 @@ class _Centre:
         depth = np.where(ahead, seen[:, :, 2], 1.0)
         offset = seen[:, :, :2] / depth[:, :, None] - self._images[:, None]
         return np.where(ahead, np.linalg.norm(offset, axis=2), np.inf)
+
+
+def _lifted(normal: FloatArray) -> FloatArray:
+    """Normal matrices (..., 3, 3) that can be solved, whatever the unit of length."""
+    size = np.trace(normal, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(normal + _LIFT * size * np.eye(3))
 
 
 def _pairs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

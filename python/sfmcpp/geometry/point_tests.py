@@ -78,14 +78,14 @@ def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     Returns
     -------
     (M,) float64
-        Errors [px]; infinite where the point is not in front of the camera or not a number.
+        Errors [px]; infinite where the point is not in front of the camera or not finite.
     """
     require_metric(problem)
     world = require_points(problem, points)
     errors = np.empty(problem.num_observations)
     for rows, part in in_parts(problem):
         in_camera = points_in_cameras(part, world)
-        in_front = in_camera[:, 2] > 0
+        in_front = (in_camera[:, 2] > 0) & np.isfinite(in_camera).all(axis=1)
         in_camera[~in_front] = 1.0
         pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(part))
         errors[rows] = np.where(in_front, np.linalg.norm(pixels - part.pixels, axis=1), np.inf)
@@ -129,11 +129,12 @@ def triangulation_angles_deg(problem: Problem, points: FloatArray) -> FloatArray
     Returns
     -------
     (N,) float64
-        Angles [deg], 0 to 180; zero with fewer than two observations or where the point is not a number.
+        Angles [deg], 0 to 180; zero with fewer than two observations or where the point is not finite.
     """
     require_metric(problem)
     world = require_points(problem, points)
-    rays = unit(world[problem.point_index] - problem.centres[problem.camera_index])
+    with np.errstate(invalid="ignore"):  # points at infinity
+        rays = unit(world[problem.point_index] - problem.centres[problem.camera_index])
     by_point = np.argsort(problem.point_index, kind="stable")
     views = num_views(problem)
     start = np.cumsum(views) - views

@@ -21,6 +21,8 @@ from sfmcpp.model.checks import is_rotation, require_positive
 
 # Thinnest extent relative to the longest one that is more than rounding.
 THINNEST_EXTENT = 1e-7
+# Positions that differ by no more than this share of their distance from the origin differ by rounding.
+_SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,10 +215,12 @@ def fit_similarity(
     ------
     InvalidArgument
         If the shapes differ, a number is not finite, a weight is negative, fewer than three pairs count, or
-        the points of either side lie on a line, about which no rotation is better than another.
+        the points of either side lie on a line, about which no rotation is better than another, or are all
+        the same but for rounding.
     """
     moments = _moments(source, target, weights)
     _require_plane(moments)
+    _require_movement(moments)
     return _with_rotation(moments, nearest_rotation(moments.covariance), with_scale)
 
 
@@ -279,7 +283,7 @@ def _require_movement(moments: PointMoments) -> None:
         ("source", moments.source_mean, moments.source_variance),
         ("target", moments.target_mean, moments.target_variance),
     ):
-        if not np.sqrt(variance) > THINNEST_EXTENT * np.linalg.norm(mean):
+        if not np.sqrt(variance) > _SAME_PLACE * np.linalg.norm(mean):
             raise InvalidArgument(f"{name}: all positions are the same, must differ")
 
 

@@ -32,9 +32,6 @@ from sfmcpp.geometry.two_view_matrices import (
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
 
-# From the most to the least that a pair tells.
-KINDS = ("general", "planar", "rotation", "none")
-
 _FIVE_POINTS, _EIGHT_POINTS = 5, 8
 _UNKNOWN_CAMERA = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 # Intrinsics are far off where a fundamental matrix, which needs none, explains this many times the matches

@@ -147,12 +147,10 @@ class Map(Store):
         Raises
         ------
         InvalidArgument
-            If the camera models differ, or an image would see a point twice.
+            If the camera models differ, there is no such camera or point, or an image would see a point
+            twice. Nothing is changed then.
         """
-        if other.camera_model != self.camera_model:
-            raise InvalidArgument(
-                f"other: camera model {other.camera_model!r}, must be {self.camera_model!r}"
-            )
+        self._require_joinable(other, cameras, points)
         if cameras is None:
             cameras = self.add_cameras(
                 other.intrinsics,
@@ -179,6 +177,24 @@ class Map(Store):
         rows, places = other._tracks.of(np.arange(len(other.points)))
         self.observe(begin + rows, numbers[places])
         return images, numbers
+
+    def _require_joinable(self, other: Map, cameras: ArrayLike | None, points: ArrayLike | None) -> None:
+        """Raise InvalidArgument unless another map can be taken over with these numbers."""
+        if other is self:
+            raise InvalidArgument("other: is the map itself, must be another one")
+        if other.camera_model != self.camera_model:
+            raise InvalidArgument(
+                f"other: camera model {other.camera_model!r}, must be {self.camera_model!r}"
+            )
+        for name, given, known, wanted in (
+            ("cameras", cameras, len(self.intrinsics), len(other.intrinsics)),
+            ("points", points, len(self.points), len(other.points)),
+        ):
+            if given is not None and (count := len(numbers_below(name, given, known))) != wanted:
+                raise InvalidArgument(f"{name}: {count}, must be {wanted}, as many as the other map has")
+        if points is not None:
+            rows, places = other._tracks.of(np.arange(len(other.points)))
+            self._require_once(np.asarray(points, dtype=np.intp)[places], other.keypoint_images[rows])
 
     def set_sigmas_by_scale(self, sigma_per_scale: float, least_px: float = 0.0) -> None:
         """Let the standard deviation of each keypoint grow with its scale s: ``σ² = least² + (factor s)²``.
@@ -273,7 +289,8 @@ class Map(Store):
         LocalProblem
             Its points are not a number.
         """
-        return self._seen_points(numbers_below("images", images, len(self.poses)), ~self.known, min_views)
+        chosen = np.unique(numbers_below("images", images, len(self.poses)))
+        return self._seen_points(chosen, ~self.known, min_views)
 
     @checked()
     def seen_from(self, images: ArrayLike, points: ArrayLike) -> LocalProblem:

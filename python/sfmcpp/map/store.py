@@ -15,6 +15,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, numbers_below
 from sfmcpp.model.camera_models import require_pinhole
 
 UNKNOWN_ERROR = -1.0
+_MOST_KEYPOINTS = 2**31
 
 
 class Store:
@@ -274,11 +275,10 @@ class Store:
         InvalidArgument
             If a shape is wrong, there is no such camera or point, or an image would see a point twice.
         """
-        counts, cameras = np.asarray(counts, dtype=np.intp), np.asarray(cameras, dtype=np.intp)
+        counts = numbers_below("counts", counts, _MOST_KEYPOINTS)
+        cameras = numbers_below("cameras", cameras, len(self.intrinsics))
         if counts.shape != (len(names),):
             raise InvalidArgument(f"counts: shape {counts.shape}, must be ({len(names)},)")
-        if ((cameras < 0) | (cameras >= len(self.intrinsics))).any():
-            raise InvalidArgument(f"cameras = {cameras}: must be from 0 to {len(self.intrinsics) - 1}")
         total = int(counts.sum())
         images = np.repeat(np.arange(self.num_images, self.num_images + len(names)), counts)
         seen = np.full(total, NONE) if points is None else np.asarray(points, dtype=np.intp)

@@ -32,7 +32,7 @@ def batch_models(scene: Scene, settings: IncrementalSettings, progress: Callable
 
     Returns
     -------
-    Grown
+    GrownModels
         One model, or none and the reason.
     """
     tracks = tracks_of(scene)

@@ -39,14 +39,14 @@ def choose_camera_model(
 ) -> None:
     """Free more intrinsics of the cameras of a model, as long as that is worth it.
 
-    Where positions of the images are known, they are an independent witness: intrinsics that bend the model
-    away from them stay as they are, however much they lower the cost of the images.
+    Where positions of the images are known, they check it: intrinsics that bend the model away from them stay
+    as they are, however much they lower the cost of the images.
 
     Parameters
     ----------
     world : Map
-        Adjusted with ``"simple-radial"`` cameras; it is adjusted with those that are chosen, and they are
-        named.
+        Adjusted with ``"simple-radial"`` cameras, or those chosen before it was joined of parts; it is
+        adjusted with those that are chosen, and they are named.
     settings : IncrementalSettings
         Scale of the loss, and how many images a camera needs.
     positions : Positions, optional
@@ -61,9 +61,13 @@ def choose_camera_model(
         estimated = ~local.problem.fixed_intrinsics.all(axis=1) & ~np.isin(local.cameras, simple)
         if not estimated.any():
             break
-        for intrinsic in intrinsics:
-            local.problem.fixed_intrinsics[estimated, PERSPECTIVE.index(intrinsic)] = False
         freed = local.problem.fixed_intrinsics.copy()
+        for intrinsic in intrinsics:
+            freed[estimated, PERSPECTIVE.index(intrinsic)] = False
+        if np.array_equal(freed, local.problem.fixed_intrinsics):
+            name = richer
+            continue
+        local.problem.fixed_intrinsics[:] = freed
         cost = adjusted(world, settings, local, **FINE)
         poses = world.poses.copy()
         poses[local.images] = local.problem.cameras

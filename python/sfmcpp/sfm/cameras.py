@@ -18,6 +18,7 @@ from sfmcpp.model.checks import looked_up
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.cameras import camera_file, read_intrinsics
 from sfmcpp.sources.io.colmap.camera_models import MODELS
+from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 
 if TYPE_CHECKING:
     from sfmcpp.sources.io.colmap.database import DatabaseCamera
@@ -304,11 +305,14 @@ def _input_of_focal(focal_px: float) -> CameraInput:
 
 def _complete_intrinsics(values: FloatArray) -> FloatArray:
     if values.shape == (3, 3):
-        f, aspect = values[0, 0], values[1, 1] / values[0, 0]
-        values = np.array([f, aspect, values[0, 2], values[1, 2], values[0, 1]])
+        if (fault := matrix_fault(values)) is not None:
+            raise InvalidArgument(f"camera: {fault}")
+        values = pinhole_of_matrix(values)
     row = finite_array("camera", values, (-1,))
-    if len(row) not in (5, len(PERSPECTIVE)) or row[0] <= 0:
+    if len(row) not in (5, len(PERSPECTIVE)):
         raise InvalidArgument(f"camera: {len(row)} numbers, {_RULE}")
+    if row[:2].min() <= 0:
+        raise InvalidArgument(f"camera = {row[:5].tolist()}: f and aspect must be positive")
     return np.concatenate([row, np.zeros(len(PERSPECTIVE) - len(row))])
 
 

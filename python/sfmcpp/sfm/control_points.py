@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +24,7 @@ from sfmcpp.geometry import (
 )
 from sfmcpp.model import Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
-from sfmcpp.model.checks import require_positive
+from sfmcpp.model.checks import require_positive, require_seed
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
@@ -132,6 +133,7 @@ def fit_control_points(
     control: ControlPoints,
     *,
     sigma_m: float = SURVEY_SIGMA_M,
+    seed: int = 0,
     **options: Unpack[SolveKeywords],
 ) -> Controlled:
     """Move and adjust a model to ground control points.
@@ -145,6 +147,8 @@ def fit_control_points(
         two images of the model; see :func:`sfmcpp.sources.io.read_control_points`.
     sigma_m : float
         Standard deviation of each coordinate of the survey where it states none [m].
+    seed : int
+        Random seed of the search for points that agree.
     **options
 
     Returns
@@ -161,12 +165,13 @@ def fit_control_points(
     """
     require_movable(problem)
     require_positive("sigma_m", sigma_m)
+    require_seed(seed)
     survey = _Survey.of(problem, control, sigma_m)
     numbers = np.arange(len(survey.names), dtype=np.int32) + problem.num_points
     joined = _with_marked_points(problem, survey, numbers)
     solve(joined, **options).require_uninterrupted()
     used = ~survey.checks
-    _move(joined, joined.points[numbers[used]], survey.metres[used])
+    _move(joined, joined.points[numbers[used]], survey.metres[used], seed)
     variance = pixel_variance(linear_model(joined, [], dict(options)))
     group = _group(survey, numbers[used], variance)
     solve(joined, constraints=[group], **options).require_uninterrupted()
@@ -197,7 +202,8 @@ class _Survey:
         kept = [point for point in range(len(control.names)) if seen[point] >= _FEWEST_MARKS]
         _require_enough(control, kept)
         rows = np.array(control.positions, dtype=np.float64)[kept]
-        local = local_positions(rows, control.geodetic)
+        with _named_control():
+            local = local_positions(rows, control.geodetic)
         if not local.known.all():
             name = control.names[kept[int(np.argmin(local.known))]]
             raise InvalidArgument(
@@ -221,10 +227,20 @@ class _Survey:
         )
 
 
+@contextmanager
+def _named_control() -> Iterator[None]:
+    """What is refused of positions in general is refused of the argument `control` here."""
+    try:
+        yield
+    except InvalidArgument as error:
+        raise InvalidArgument(f"control: {str(error).removeprefix('gps: ')}") from None
+
+
 def _cameras_of_marks(problem: Problem, control: ControlPoints) -> dict[str, int]:
     """Cameras of the images that are named in marks, as far as the model has them."""
     names, wanted = image_names(problem), list(dict.fromkeys(mark.image for mark in control.marks))
-    alike = match_names(names, wanted)
+    with _named_control():
+        alike = match_names(names, wanted)
     if not alike:
         listed = ", ".join(wanted[:3]), ", ".join(names[:3])
         raise InvalidArgument(
@@ -262,9 +278,9 @@ def _with_marked_points(problem: Problem, survey: _Survey, numbers: IndexArray) 
     return joined
 
 
-def _move(problem: Problem, here: FloatArray, metres: FloatArray) -> None:
+def _move(problem: Problem, here: FloatArray, metres: FloatArray, seed: int) -> None:
     """Move a model so that most of its points `here` (n, 3) come to `metres` (n, 3)."""
-    good = agreeing_pairs(here, metres)
+    good = agreeing_pairs(here, metres, seed=seed)
     if is_on_a_line(metres[good]):
         raise InvalidArgument(
             "control: the points lie on a line, which leaves the model free to turn round it"

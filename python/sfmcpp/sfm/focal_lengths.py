@@ -92,10 +92,11 @@ def settle_focals_by_positions(
     alone = _shares_by_images(world, cameras, settings) if held.any() else {}
     world.fixed_intrinsics[held, _F] = False
     try:
-        shares = _shares(world.whole_problem(2), adjust(), settings)
+        sigmas = adjust()
     except (InvalidArgument, KeyboardInterrupt):
         world.fixed_intrinsics[held, _F] = True
         raise
+    shares = _shares(world.whole_problem(2), sigmas, settings)
     # Most of what frees it must come from the positions: that of the images was not enough.
     limits = {k: min(_LEAST_SHARE, _HALF * share) for k, share in alone.items() if held[k]}
     found = {

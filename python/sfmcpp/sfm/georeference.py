@@ -25,7 +25,7 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
-from sfmcpp.sfm.adjustment import FINE
+from sfmcpp.sfm.adjustment import FINE, hold_of_few_images
 from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
 from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
 from sfmcpp.sfm.position_checks import (
@@ -132,8 +132,9 @@ def georeference_to(
     """:func:`georeference` by positions that are in a metric frame already."""
     require_movable(problem)
     _uses_stated_sigmas(problem, positions)
-    solve(problem, **options).require_uninterrupted()
+    # Refuses too few positions, before the problem is changed.
     georeferencing = _Georeferencing(problem, positions, image_names(problem), seed)
+    solve(problem, **options).require_uninterrupted()
     return georeferencing.run(dict(options), lambda _: None)
 
 
@@ -147,7 +148,7 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
     positions : Positions
         Of all images of the map, as far as they are known.
     settings : IncrementalSettings
-        Scale of the loss, seed.
+        Scale of the loss, how many images a camera needs, seed.
 
     Returns
     -------
@@ -160,6 +161,7 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
         If there are too few positions, or they lie on a line, which leaves the model free to turn round it.
     """
     local = world.whole_problem(2)
+    hold_of_few_images(local.problem, settings)
     names = [world.image_names[image] for image in local.images]
     options = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas, **FINE}
     of_images = positions.of(local.images)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import index
 from os import PathLike
 
 import numpy as np
@@ -51,7 +52,8 @@ def match_graph_of_arrays(
     names : sequence of str, optional
         Of the images, all different. Default: their numbers, four digits at least.
     scales : sequence of (n,) array, optional
-        Size of each keypoint (standard deviation of a blob) [px]. Default: unknown.
+        Size of each keypoint (standard deviation of a blob) [px]; not a number where unknown, which is the
+        default.
     colors : sequence of (n, 3) array, optional
         Red, green and blue of each keypoint, from 0 to 255. Default: black.
     intrinsics : sequence of (12,) float64 or None, optional
@@ -143,8 +145,19 @@ def _features(number: int, pixels: ArrayLike, scales: ArrayLike | None, colors: 
     places = finite_array(f"keypoints[{number}]", pixels, (ANY, 2))
     count = len(places)
     unknown = np.full(count, np.nan)
-    sizes = unknown if scales is None else shaped_array(f"scales[{number}]", scales, (count,))
+    sizes = unknown if scales is None else _scales(number, scales, count)
     return Features(places, sizes, unknown, _colors(number, colors, count), np.empty((count, 0), np.uint8))
+
+
+def _scales(number: int, scales: ArrayLike, count: int) -> FloatArray:
+    values = shaped_array(f"scales[{number}]", scales, (count,))
+    wrong = np.flatnonzero((values < 0) | np.isinf(values))
+    if len(wrong):
+        value = values[wrong[0]]
+        raise InvalidArgument(
+            f"scales[{number}][{wrong[0]}] = {value:g}: must be finite, not negative, or NaN"
+        )
+    return values
 
 
 def _colors(number: int, colors: ArrayLike | None, count: int) -> NDArray[np.uint8]:
@@ -186,7 +199,7 @@ def _checked_pair(
     """With the lower number first."""
     name = f"matches[{pair}]"
     try:
-        i, j = (int(number) for number in pair)
+        i, j = (index(number) for number in pair)
     except (TypeError, ValueError):
         raise InvalidArgument(f"{name}: the key must be the numbers of two images") from None
     if i == j or not all(0 <= number < len(features) for number in (i, j)):

@@ -57,7 +57,7 @@ def grow_models(scene: Scene, settings: IncrementalSettings, progress: Callable[
 
     Returns
     -------
-    Grown
+    GrownModels
         Models that overlap are joined. No model is thrown away but small ones beside a larger one.
     """
     grown, num_images = GrownModels(), len(scene.graph.photos)
@@ -95,9 +95,12 @@ def _add_model(grown: GrownModels, growth: Growth, scene: Scene, settings: Incre
     world, joined = growth.world, False
     while (both := _merged_with_overlapping(grown.models, world, settings)) is not None:
         world, joined = both, True
-    if joined:
-        Growth(scene, settings, np.zeros(world.num_images, dtype=np.bool_), world).finish()
     grown.models.append(world)
+    if joined:
+        try:
+            Growth(scene, settings, np.zeros(world.num_images, dtype=np.bool_), world).finish()
+        except KeyboardInterrupt:
+            grown.interrupted = True
 
 
 def _merged_with_overlapping(models: list[Map], world: Map, settings: IncrementalSettings) -> Map | None:
@@ -117,8 +120,8 @@ def _is_large_enough(world: Map, settings: IncrementalSettings) -> bool:
 def merge_models(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
     """Add the images of `other` to `kept` if common points determine their place; whether they do.
 
-    Both are of the same scene: images, keypoints and points have the same numbers. Poses and points that
-    `kept` has stay.
+    Both are of the same scene: images, cameras, keypoints and points have the same numbers. Poses, points and
+    intrinsics that `kept` has stay.
     """
     common = np.flatnonzero(kept.known & other.known)
     if len(common) < settings.min_inliers:
@@ -127,6 +130,9 @@ def merge_models(kept: Map, other: Map, settings: IncrementalSettings) -> bool:
     if place is None or not _observations_fit(kept, other, place, settings):
         return False
     images = other.registered & ~kept.registered
+    cameras = np.setdiff1d(kept.image_cameras[images], kept.image_cameras[kept.registered])
+    kept.intrinsics[cameras] = other.intrinsics[cameras]
+    kept.fixed_intrinsics[cameras] = other.fixed_intrinsics[cameras]
     kept.poses[images] = place.apply_to_poses(other.poses[images])
     points = other.known & ~kept.known
     kept.points[points] = place.apply(other.points[points])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.ba import linearize, residuals
+from sfmcpp.ba import linearize
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem, camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.sfm.fit_statistics import pixel_variance
 
 # Above these, they would take longer than all that is told beside them.
 _MOST_IMAGES = 150
@@ -39,11 +40,9 @@ def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:
         covariances = model.covariance(cameras=an_image_of_each(problem)).cameras
     except InvalidArgument:  # something that nothing determines
         return None
-    redundancy = 2 * count - model.num_columns
-    if redundancy <= 0:
+    if model.num_columns >= 2 * count:
         return None
-    variance = float((residuals(problem) ** 2).sum()) / redundancy
-    return intrinsics_sigmas_of(problem, model, covariances * variance)
+    return intrinsics_sigmas_of(problem, model, covariances * pixel_variance(model))
 
 
 def an_image_of_each(problem: Problem) -> IndexArray:

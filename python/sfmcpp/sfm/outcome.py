@@ -31,7 +31,7 @@ def image_outcomes(graph: MatchGraph, grown: GrownModels) -> dict[str, ImageOutc
     ----------
     graph : MatchGraph
         Images, features and pairs.
-    grown : Grown
+    grown : GrownModels
         Models.
 
     Returns
@@ -119,7 +119,7 @@ def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSett
     ----------
     graph : MatchGraph
         Images, features and pairs.
-    grown : Grown
+    grown : GrownModels
         Models.
     settings : IncrementalSettings
         What an outlier is.
@@ -139,12 +139,10 @@ def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSett
         if count < len(graph.photos):
             that = "usable " if graph.unreadable else ""
             warnings.append(f"the model is partial: it contains {count} of {len(graph.photos)} {that}images")
-    # Tracks that come from elsewhere end where a tracker loses them: what they lack tells nothing.
-    own_matches = any(photo.path is not None for photo in graph.photos)
     for world in grown.models:
         if contradicting := contradicting_pairs(graph, world, settings):
             warnings.append(contradiction_warning(graph, contradicting))
-        elif own_matches and (missing := pairs_with_missing_matches(graph, world, settings)):
+        elif missing := pairs_with_missing_matches(graph, world, settings):
             warnings.append(missing_matches_warning(graph, missing))
     if len(grown.models) > 1:
         sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
@@ -159,7 +157,7 @@ def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
     ----------
     cameras : Cameras
         What was known at the start.
-    grown : Grown
+    grown : GrownModels
         Models.
 
     Returns

@@ -48,7 +48,7 @@ _DOUBTFUL = (
 )
 # No receiver is wrong about itself by such a factor where its unit is right.
 _OTHER_UNIT = 5.0
-# Honest positions never scatter by such a factor more than stated where there are enough of them.
+# Right positions never scatter by such a factor more than stated where there are enough of them.
 _MUCH_SCATTER, _ENOUGH_FOR_SCATTER = 2.0, 10
 _WRONG_SIGMA = (
     "the positions scatter by {:.3g} m where {:.3g} m is stated: check the unit of the stated σ, and, if "
@@ -87,7 +87,8 @@ def unchecked_positions(centres: FloatArray, weights: FloatArray, trusted: BoolA
     (n,) bool
     """
     around = centres - centres[trusted].mean(axis=0)
-    rows = np.sqrt(weights)[:, :, None] * motions_of_positions(around / np.linalg.norm(around, axis=1).max())
+    extent = np.linalg.norm(around, axis=1).max() or 1.0
+    rows = np.sqrt(weights)[:, :, None] * motions_of_positions(around / extent)
     normals = np.swapaxes(rows, 1, 2) @ rows
     together = normals[trusted].sum(axis=0) + np.where(trusted[:, None, None], 0.0, normals)
     hats = rows @ np.linalg.pinv(together, hermitian=True) @ np.swapaxes(rows, 1, 2)
@@ -158,7 +159,9 @@ def worst_deviation(apart: FloatArray, weights: FloatArray, hat: FloatArray) -> 
     if (free < _LEAST_FREE).any():
         return 0, 0.0
     squared = weights * apart**2
-    parts = squared / np.maximum(redundancies, _LEAST_REDUNDANCY) / squared.sum(axis=0)
+    # An axis along which nothing is left says nothing.
+    totals = np.where(squared.any(axis=0), squared.sum(axis=0), 1.0)
+    parts = squared / np.maximum(redundancies, _LEAST_REDUNDANCY) / totals
     students = free * parts / np.maximum(1 - parts, 1e-12)
     # Wallace's approximation of normal deviates by Student's.
     normal = np.sqrt(free * np.log1p(students / free)) * (8 * free + 1) / (8 * free + 3)

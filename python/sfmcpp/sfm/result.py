@@ -99,7 +99,11 @@ class GpsOutcome:
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""
         known = {name: value for name, value in vars(self).items() if name != "intrinsics_sigmas"}
-        return known | {"origin": self.world_origin.to_dict(), "rms_m": self.rms_m}
+        by_axis = {
+            name: {image: value.tolist() for image, value in known[name].items()}
+            for name in ("sigmas_m", "offsets_m")
+        }
+        return known | by_axis | {"origin": self.world_origin.to_dict(), "rms_m": self.rms_m}
 
     @property
     def rms_m(self) -> list[float] | None:

@@ -56,6 +56,7 @@ from sfmcpp.sources.io.colmap.database import is_database
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
 Source = str | PathLike[str] | MatchGraph | ImageTracks
+_NO_MASKS = "masks: the source has no images"
 
 
 @dataclass
@@ -150,7 +151,7 @@ def reconstruct(
     settings : IncrementalSettings, optional
         Thresholds of the reconstruction; its seed is replaced.
     front_end : FrontEndSettings, optional
-        Settings of features and matches.
+        Settings of features and matches; its matcher, seed and threads are replaced.
     progress : callable
         Called as ``progress(stage, done, total)``; returning True stops and returns the result so far.
 
@@ -213,9 +214,11 @@ def _scene_of(
     front: FrontEndSettings,
     cache: Cache | None,
 ) -> Scene:
+    if masks is not None and isinstance(source, (MatchGraph, ImageTracks)):
+        raise InvalidArgument(_NO_MASKS)
     if isinstance(source, MatchGraph):
         run.warnings += source.warnings
-        return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source)))
+        return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source), run))
     if isinstance(source, ImageTracks):
         return _scene_of_tracks(source, run, front.threads)
     path = Path(source)
@@ -224,7 +227,7 @@ def _scene_of(
     if path.is_dir() and _has_images(path):
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
-        raise InvalidArgument("masks: the source has no images")
+        raise InvalidArgument(_NO_MASKS)
     _require_no_single_picture(path)
     if is_database(path):
         with run.timed("matching"):
@@ -278,7 +281,7 @@ def _scene_of_photos(
     if len(kept) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
     with run.timed("mapping"):
-        return Scene.of(graph, _with_guessed_focals(graph, cameras))
+        return Scene.of(graph, _with_guessed_focals(graph, cameras, run))
 
 
 def _scene_of_tracks(tracks: ImageTracks, run: _Run, threads: int | None) -> Scene:
@@ -290,7 +293,7 @@ def _scene_of_tracks(tracks: ImageTracks, run: _Run, threads: int | None) -> Sce
         graph = graph_of_tracks(
             tracks, _known_rows(cameras), seed=run.settings.seed, threads=threads, progress=run.progress
         )
-    return Scene(graph, _with_guessed_focals(graph, cameras), joined_tracks(tracks))
+    return Scene(graph, _with_guessed_focals(graph, cameras, run), joined_tracks(tracks))
 
 
 def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
@@ -298,7 +301,7 @@ def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
     return [None if cameras.guessed[g] else cameras.intrinsics[g] for g in cameras.of_image]
 
 
-def _with_guessed_focals(graph: MatchGraph, cameras: Cameras) -> Cameras:
+def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Cameras:
     """Estimate unknown focal lengths from the fundamental matrices of their images."""
     intrinsics = cameras.intrinsics.copy()
     for camera in np.flatnonzero(cameras.guessed):
@@ -312,7 +315,8 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras) -> Cameras:
             if of_camera[p.first] and of_camera[p.second] and p.geometry.kind == "general"
         ]
         width, height = cameras.sizes[camera]
-        found = focal_from_pairs(pairs, (int(width), int(height))) if pairs else None
+        size, seed = (int(width), int(height)), run.settings.seed
+        found = focal_from_pairs(pairs, size, seed=seed) if pairs else None
         if found is not None:
             intrinsics[camera, 0] = found
     return replace(cameras, intrinsics=intrinsics)

@@ -4,7 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sfmcpp.model.checks import require_count, require_fraction, require_positive, require_seed
+from sfmcpp.model.checks import (
+    require_count,
+    require_fraction,
+    require_not_negative,
+    require_positive,
+    require_seed,
+)
+
+_LEAST_COUNTS = {
+    "min_views": 2,
+    "min_inliers": 4,
+    "local_images": 2,
+    "start_points": 8,
+    "intrinsics_images": 1,
+    "min_model_images": 1,
+    "overlap_images": 0,
+}
 
 
 @dataclass(frozen=True)
@@ -70,7 +86,8 @@ class IncrementalSettings:
     def __post_init__(self) -> None:
         for name in ("outlier_px", "start_angle_deg", "resection_threshold_px", "growth", "loss_sigmas"):
             require_positive(name, getattr(self, name))
-        for name, least in (("min_views", 2), ("min_inliers", 4), ("local_images", 2), ("start_points", 8)):
+        for name, least in _LEAST_COUNTS.items():
             require_count(name, getattr(self, name), least)
+        require_not_negative("min_angle_deg", self.min_angle_deg)
         require_fraction("min_inlier_ratio", self.min_inlier_ratio)
         require_seed(self.seed)

@@ -15,7 +15,6 @@ from sfmcpp.sfm.batch.pairs import PairGeometry
 
 _LEAST_TRACKS = 8
 _SIZES = (3, 4, 5, 6, 8, 10)
-_LEAST_POSITIVE_PART = 0.4
 _SETTLED = 1e-4
 
 

@@ -162,7 +162,8 @@ def metric_upgrade(
     try:
         frames = metric_frames(projections[good], calibration_matrices(rows[good]), focal=focal)
     except InvalidArgument:
-        return MetricUpgrade(None, "all projection matrices share one centre: depths are undetermined")
+        reason = "all projection matrices share one centre, or one lacks the rank of three: no depth is seen"
+        return MetricUpgrade(None, reason)
     models = _candidate_models(problem, projections, good, frames, rows, focal)
     if not models:
         return MetricUpgrade(None, no_model_message(focal))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sfmcpp.ba import LinearModel, SolveOptions, residuals_px
 from sfmcpp.model import Problem
 from sfmcpp.sfm.batch.metric_model import LEAST_OBSERVATIONS
+from sfmcpp.sfm.fit_statistics import pixel_variance
 
 # Noise in standard deviations of the observations that is reckoned with at least, and the share of the normal
 # matrix that is added to it: of a critical motion without noise both tell, not chance.
@@ -83,8 +84,7 @@ def focal_sigmas(problem: Problem, threads: int) -> tuple[float, float]:
     model = LinearModel(problem, (), SolveOptions(threads=threads), _RIDGE)
     column = model.parameter_names.index("f")
     of_unit_noise = np.sqrt(np.maximum(model.covariance(cameras="all").cameras[:, column, column], 0.0))
-    redundancy = max(2 * problem.num_observations - model.num_columns, 1)
-    noise = np.sqrt(float((model.residuals**2).sum()) / redundancy)
+    noise = np.sqrt(pixel_variance(model))
     relative = float((of_unit_noise / problem.intrinsics[problem.intrinsics_index, 0]).max())
     return relative * noise, relative * max(noise, _LEAST_NOISE)
 

@@ -73,6 +73,13 @@ def test_wrong_pairs_do_not_decide() -> None:
     assert abs(np.log(found / 1200.0)) < 0.03
 
 
+def test_a_pair_of_one_place_says_nothing() -> None:
+    pairs = pairs_of(photos(1200.0, seed=1))
+    place = np.full((40, 2), 300.0)
+    assert focal_from_pairs([*pairs, (place, place)], SIZE) == focal_from_pairs(pairs, SIZE)
+    assert focal_from_pairs([(place, place + 5)], SIZE) is None
+
+
 @pytest.mark.parametrize("kind", ["turntable", "parallel"])
 def test_motions_that_leave_the_focal_length_open_give_none(kind: str) -> None:
     assert focal_from_pairs(pairs_of(photos(1200.0, 2, kind)), SIZE) is None

@@ -94,6 +94,16 @@ def test_a_world_far_from_its_origin_changes_nothing() -> None:
     assert abs(far.focal_px - near.focal_px) < 0.05 * near.focal_sigma_px
 
 
+@pytest.mark.parametrize("unit", [1e-8, 1e7])
+def test_the_unit_of_length_changes_nothing(unit: float) -> None:
+    view = View(4)
+    here = view.found()
+    view.points *= unit
+    there = view.found()
+    assert there.focal_px == pytest.approx(here.focal_px, rel=1e-7)
+    np.testing.assert_allclose(there.camera[:, 3] / unit, here.camera[:, 3], atol=1e-5)
+
+
 def test_failures_are_named() -> None:
     view = View(3, count=120, outliers=1.0)
     assert view.found().failure == "too few inliers"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sfmcpp import InvalidArgument
 from sfmcpp.geometry import relative_pose_of_rotation, resection_of_rotation
 from sfmcpp.geometry.pinhole import to_pixels
 
@@ -46,6 +47,21 @@ def test_the_centre_is_found(wrong: float) -> None:
     np.testing.assert_allclose(found.camera[:, 3], CENTRE, atol=2e-2 * (wrong > 0) + 1e-9)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_the_centre_does_not_depend_on_the_unit_of_length(unit: float) -> None:
+    points, _, second = scene(60, 0.0, seed=2)
+    found = resection_of_rotation(unit * points, second, INTRINSICS, ROTATION)
+    assert found.num_inliers == 60
+    np.testing.assert_allclose(found.camera[:, 3] / unit, CENTRE, atol=1e-9)
+
+
+def test_the_centre_is_found_far_from_the_origin_of_the_world() -> None:
+    points, _, second = scene(60, 0.0, seed=2)
+    origin = np.array([4e5, 5.3e6, 200.0])
+    found = resection_of_rotation(points + origin, second, INTRINSICS, ROTATION)
+    np.testing.assert_allclose(found.camera[:, 3] - origin, CENTRE, atol=1e-6)
+
+
 def test_a_wrong_rotation_loses_inliers() -> None:
     points, first, second = scene(80, 0.0, seed=3)
     turned = ROTATION @ Rotation.from_rotvec([0.0, 0.0, 0.06]).as_matrix()
@@ -57,3 +73,12 @@ def test_too_few_are_refused() -> None:
     points, first, second = scene(8, 0.0, seed=4)
     assert relative_pose_of_rotation(first, second, INTRINSICS, ROTATION).failure == "too few matches"
     assert resection_of_rotation(points, second, INTRINSICS, ROTATION).failure == "too few matches"
+
+
+@pytest.mark.parametrize("matrix", [2 * np.eye(3), np.diag([1.0, 1.0, -1.0])])
+def test_a_matrix_that_is_no_rotation_is_refused(matrix: np.ndarray) -> None:
+    points, first, second = scene(60, 0.0, seed=1)
+    with pytest.raises(InvalidArgument, match="rotation: must be orthonormal and right-handed"):
+        relative_pose_of_rotation(first, second, INTRINSICS, matrix)
+    with pytest.raises(InvalidArgument, match="rotation: must be orthonormal and right-handed"):
+        resection_of_rotation(points, second, INTRINSICS, matrix)

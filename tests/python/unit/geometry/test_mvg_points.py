@@ -202,6 +202,23 @@ def test_pieces_do_not_change_the_angles(monkeypatch: pytest.MonkeyPatch, pairs_
     assert (expected > 0).all()
 
 
+def test_points_at_infinity_are_not_reliable_and_have_no_error_that_is_not_a_number() -> None:
+    cameras = np.tile(np.column_stack([rotation_towards_ones(), np.zeros(3)]), (2, 1, 1))
+    cameras[1, 0, 3] = 1.0
+    intrinsics, pixels = np.array([[500.0, 1, 320, 240, 0]] * 2), np.array([[320.0, 240]] * 2)
+    points = np.full((1, 3), np.inf)
+    problem = Problem("calibrated", cameras, intrinsics, np.zeros((1, 3)), [0, 1], [0, 0], pixels)
+    assert sfmcpp.geometry.reprojection_errors_px(problem, points).tolist() == [np.inf, np.inf]
+    assert not reliable_points(problem, points, min_angle_deg=0.0)[0]
+
+
+def rotation_towards_ones() -> Array:
+    """Rotation whose third axis has positive coordinates only."""
+    ahead = np.ones(3) / np.sqrt(3)
+    right = np.array([1.0, -1, 0]) / np.sqrt(2)
+    return np.column_stack([right, np.cross(ahead, right), ahead])
+
+
 def test_reliable_points_pass_every_test() -> None:
     problem = ragged_problem(7, 200, sigma_px=1.0)
     points = problem.points.copy()

@@ -76,6 +76,17 @@ def test_the_pose_minimises_the_robust_reprojection_error() -> None:
     assert ours < 0.5 * np.sum((pair.pixels_2 - pixels) ** 2)
 
 
+@pytest.mark.parametrize("unit", [1e-8, 1.0, 1e7])
+@pytest.mark.parametrize("east", [0.0, 5e6])
+def test_the_pose_depends_neither_on_the_unit_of_length_nor_on_the_origin(unit: float, east: float) -> None:
+    pair, pixels, _ = noisy_view(3, 0.5, 0.0, count=60)
+    origin = unit * np.array([east, -east, 0.0])
+    here = resection(pair.points, pixels, INTRINSICS)
+    there = resection(unit * pair.points + origin, pixels, INTRINSICS)
+    np.testing.assert_allclose((there.camera[:, 3] - origin) / unit, here.camera[:, 3], atol=1e-6)
+    np.testing.assert_allclose(there.camera[:, :3], here.camera[:, :3], atol=1e-7)
+
+
 def test_inliers_are_those_in_front_and_within_the_threshold() -> None:
     pair, pixels, _ = noisy_view(6, 1.0, 0.2)
     behind = 2 * pair.camera[:, 3] - pair.points[:30]

@@ -205,3 +205,26 @@ def test_cameras_without_poses_are_not_moved() -> None:
     problem = sfmcpp.as_projective(sfmcpp.circle_scene(4, 30, seed=0))
     with pytest.raises(InvalidArgument, match="projective cameras are not moved by a similarity"):
         Similarity.identity().move(problem)
+
+
+def test_poses_of_a_small_scene_in_a_map_grid_move() -> None:
+    angles = np.linspace(0, 2 * np.pi, 10, endpoint=False)
+    source = np.tile(np.eye(3, 4), (10, 1, 1))
+    source[:, :2, 3] = 0.1 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    target, origin = source.copy(), np.array([4e5, 5.3e6, 100.0])
+    target[:, :, 3] = 2 * source[:, :, 3] + origin
+    fitted = fit_pose_similarity(source, target)
+    assert fitted.scale == pytest.approx(2, rel=1e-7)
+    np.testing.assert_allclose(fitted.translation, origin, rtol=0, atol=1e-8)
+
+
+def test_positions_that_differ_by_rounding_are_the_same() -> None:
+    rng = np.random.default_rng(0)
+    source = rng.normal(size=(10, 3))
+    target = np.array([4e5, 5.3e6, 100.0]) + rng.normal(0, 1e-9, (10, 3))
+    with pytest.raises(InvalidArgument, match="target: all positions are the same"):
+        fit_similarity(source, target)
+    poses = np.tile(np.eye(3, 4), (2, 10, 1, 1))
+    poses[:, :, :, 3] = source, target
+    with pytest.raises(InvalidArgument, match="target: all positions are the same"):
+        fit_pose_similarity(*poses)

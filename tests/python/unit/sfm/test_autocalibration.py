@@ -112,3 +112,10 @@ def test_what_cannot_be_used_is_refused() -> None:
         metric_frames(matrices, assumed(len(matrices)), focal="zoom")
     with pytest.raises(InvalidArgument, match="calibrations"):
         metric_frames(matrices, assumed(3))
+    with pytest.raises(InvalidArgument, match=r"calibrations\[0\]: must have a rank of three"):
+        metric_frames(matrices, 0 * assumed(len(matrices)))
+    for spoilt in (np.zeros((3, 4)), matrices[2] * [[1], [1], [0]]):
+        broken = matrices.copy()
+        broken[2] = spoilt
+        with pytest.raises(InvalidArgument, match=r"projections\[2\]: must have a rank of three"):
+            metric_frames(broken, assumed(len(broken)))

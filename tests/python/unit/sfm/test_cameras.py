@@ -84,6 +84,24 @@ def test_intrinsics_as_an_array() -> None:
     assert not row[5:].any()
 
 
+@pytest.mark.parametrize("matrix", [np.zeros((3, 3)), 2 * np.diag([500.0, 500, 1]), np.eye(3)[[0, 2, 1]]])
+def test_a_matrix_that_is_no_calibration_is_refused(matrix: np.ndarray) -> None:
+    with pytest.raises(InvalidArgument, match="camera: "):
+        parse_camera_argument(matrix)
+
+
+def test_a_transposed_matrix_is_refused() -> None:
+    matrix = np.array([[1000.0, 0, 320], [0, 1010, 240], [0, 0, 1]])
+    with pytest.raises(InvalidArgument, match="camera: "):
+        parse_camera_argument(matrix.T)
+
+
+@pytest.mark.parametrize("row", [[-500.0, 1, 320, 240, 0], [500.0, -1, 320, 240, 0], [500.0, 0, 320, 240, 0]])
+def test_what_must_be_positive_is_named(row: list[float]) -> None:
+    with pytest.raises(InvalidArgument, match=r"camera = \[.*\]: f and aspect must be positive"):
+        parse_camera_argument(row)
+
+
 def test_a_focal_length_that_stays_must_be_told() -> None:
     told, silent = [Photo("1", size=LARGE, focal_px=2500.0)], [Photo("1", size=LARGE)]
     for wish, photos, focal in (("2000", silent, 2000.0), ("auto", told, 2500.0)):

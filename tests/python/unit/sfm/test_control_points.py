@@ -9,7 +9,7 @@ import pytest
 
 import sfmcpp
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry import Similarity
+from sfmcpp.geometry import Similarity, agreeing_pairs
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import geodetic_of
 from sfmcpp.sfm import fit_control_points
@@ -108,7 +108,7 @@ def test_a_wrong_coordinate_is_named() -> None:
     assert "wrong number or mark" in told
 
 
-def test_honest_points_are_not_named() -> None:
+def test_right_points_are_not_named() -> None:
     _, model, control = scene()
     alarms = 0
     for seed in range(10):
@@ -134,6 +134,21 @@ def test_points_seen_once_are_left_out_and_named() -> None:
     assert any("p0" in warning for warning in found.outcome.warnings)
 
 
+def test_the_seed_reaches_the_search_for_points_that_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, model, control = scene()
+    seeds = []
+
+    def noted(source: np.ndarray, target: np.ndarray, *, seed: int) -> np.ndarray:
+        seeds.append(seed)
+        return agreeing_pairs(source, target, seed=seed)
+
+    monkeypatch.setattr("sfmcpp.sfm.control_points.agreeing_pairs", noted)
+    fit_control_points(model, control, seed=5)
+    assert seeds == [5]
+    with pytest.raises(InvalidArgument, match="seed = -1: must be an integer"):
+        fit_control_points(model, control, seed=-1)
+
+
 def test_what_cannot_be_used_is_refused() -> None:
     _, model, control = scene()
     with pytest.raises(InvalidArgument, match="2 control points can be used: 3 are needed"):
@@ -144,6 +159,14 @@ def test_what_cannot_be_used_is_refused() -> None:
     line = [(UTM[0] + k, UTM[1], UTM[2]) for k in range(SURVEYED)]
     with pytest.raises(InvalidArgument, match="on a line"):
         fit_control_points(model, replace(control, positions=line))
+    degrees = [(48.1 + 1e-6 * k, 11.5 + 1e-6 * k**2, 520.0) for k in range(SURVEYED)]
+    with pytest.raises(InvalidArgument, match=r"^control: x and y are 48\.1 and 11\.5 .* degrees"):
+        fit_control_points(model, replace(control, positions=degrees))
+    twice = model.copy()
+    twice.metadata.image_names = [f"{k // 2:03}.{'jpg' if k % 2 else 'dng'}" for k in range(30)]
+    marks = [replace(mark, image=mark.image.removesuffix(".jpg")) for mark in control.marks]
+    with pytest.raises(InvalidArgument, match=r"^control: the position of 000 may be that of 000\.dng or of"):
+        fit_control_points(twice, replace(control, marks=marks))
     with pytest.raises(InvalidArgument, match="sigma_m"):
         fit_control_points(model, control, sigma_m=0.0)
     model.fixed_cameras[0] = True

@@ -14,7 +14,7 @@ from sfmcpp.ba import residuals_px
 from sfmcpp.model import Problem
 from sfmcpp.sfm import SfmRun, reconstruct
 from sfmcpp.sfm.cameras import parse_camera_argument
-from sfmcpp.sfm.focal_lengths import settle_focals_by_images
+from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_positions
 from sfmcpp.sfm.settings import IncrementalSettings
 
 TOLD = 0.9  # of the true one
@@ -91,6 +91,26 @@ def test_positions_determine_what_the_images_do_not(tmp_path: Path) -> None:
     assert run.gps is not None
     assert run.gps.intrinsics_sigmas is not None
     assert 0 < run.gps.intrinsics_sigmas[0, 0] < 10
+
+
+def test_a_deviation_is_judged_beside_the_focal_length_that_it_is_of() -> None:
+    truth = block()
+    run = run_of(truth)
+    assert run.model is not None
+    world, settings = run.model, IncrementalSettings()
+    graph = match_graph(truth, sigma_px=0.3, reach=2)
+    told = parse_camera_argument(TOLD * truth.intrinsics[0, 0]).cameras(
+        graph.photos, sharing="auto", model="auto"
+    )
+    world.fixed_intrinsics[0, 0] = False
+
+    def adjust_with_positions() -> np.ndarray:
+        world.intrinsics[0, 0] *= 2
+        return np.full(world.intrinsics.shape, 0.03 * world.intrinsics[0, 0])
+
+    focal = world.intrinsics[0, 0]
+    assert settle_focals_by_positions(world, told, settings, adjust_with_positions) == []
+    assert world.intrinsics[0, 0] == 2 * focal
 
 
 @pytest.mark.parametrize(("model", "held"), [("auto", "held at 450 px"), ("simple-radial", "estimated as")])

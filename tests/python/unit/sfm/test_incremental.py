@@ -7,11 +7,14 @@ import pytest
 
 import sfmcpp
 from sfm_scenes import match_graph
+from sfmcpp import InvalidArgument
 from sfmcpp.geometry import fit_similarity, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
-from sfmcpp.sfm import MatchGraph
-from sfmcpp.sfm.cameras import Cameras, cameras_of
+from sfmcpp.sfm import MatchGraph, reconstruct
+from sfmcpp.sfm.camera_choice import choose_camera_model
+from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras, cameras_of
+from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -73,6 +76,24 @@ def test_an_unknown_focal_length_is_found_from_a_guess_that_is_off_by_a_fifth() 
     assert abs(world.intrinsics[0, 5]) < 0.02
 
 
+def test_the_seed_chooses_matches_that_tell_an_unknown_focal_length(monkeypatch: pytest.MonkeyPatch) -> None:
+    seeds = []
+
+    def noted(*_: object, seed: int = 0) -> None:
+        seeds.append(seed)
+
+    monkeypatch.setattr("sfmcpp.sfm.run.focal_from_pairs", noted)
+    graph = match_graph(truth_of(3, 60), known=False)
+    reconstruct(graph, seed=7, shared_camera="one")
+    assert seeds == [7]
+
+
+def test_masks_are_refused_where_there_are_no_images() -> None:
+    graph = match_graph(truth_of(3, 60))
+    with pytest.raises(InvalidArgument, match="masks: the source has no images"):
+        reconstruct(graph, masks="masks")
+
+
 def test_rotations_follow_the_truth() -> None:
     truth = truth_of()
     graph = match_graph(truth, sigma_px=SIGMA_PX)
@@ -118,9 +139,53 @@ def test_a_listener_that_asks_to_stop_leaves_the_model_so_far() -> None:
     assert int(found.models[0].registered.sum()) == 5
 
 
+def test_an_interruption_while_models_are_joined_leaves_what_there_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one, two = truth_of(4, 150), truth_of(3, 150)
+    graph = together(match_graph(one, sigma_px=SIGMA_PX), match_graph(two, sigma_px=SIGMA_PX, seed=1))
+    finish, finished = Growth.finish, []
+
+    def finish_or_interrupt(growth: Growth) -> None:
+        finished.append(growth)
+        if len(finished) > 2:
+            raise KeyboardInterrupt
+        finish(growth)
+
+    monkeypatch.setattr(Growth, "finish", finish_or_interrupt)
+    monkeypatch.setattr("sfmcpp.sfm.incremental.merge_models", lambda *_: True)
+    found = grown(graph, known_cameras(graph, one))
+    assert found.interrupted
+    assert [int(world.registered.sum()) for world in found.models] == [4]
+
+
+def test_cameras_that_were_chosen_before_keep_their_name() -> None:
+    truth = truth_of(8, 200)
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    (world,) = grown(graph, cameras_of(graph.photos, model="simple-radial", focal_px=1000.0)).models
+    world.fixed_intrinsics[:, PERSPECTIVE.index("k2")] = False
+    choose_camera_model(world, IncrementalSettings())
+    assert world.camera_names == ["RADIAL"]
+
+
 def test_points_need_three_views_where_that_is_asked_for() -> None:
     truth = truth_of(8, 200)
     graph = match_graph(truth, sigma_px=SIGMA_PX)
     world = grown(graph, known_cameras(graph, truth), min_views=3).models[0]
     views = np.bincount(world.keypoint_points[world.keypoint_points >= 0], minlength=len(world.points))
     assert views[world.known].min() >= 3
+
+
+@pytest.mark.parametrize(
+    ("change", "rule"),
+    [
+        ({"min_angle_deg": float("nan")}, "min_angle_deg = nan: must be finite and not negative"),
+        ({"intrinsics_images": 0}, "intrinsics_images = 0: must be at least 1"),
+        ({"min_model_images": 0}, "min_model_images = 0: must be at least 1"),
+        ({"overlap_images": -1}, "overlap_images = -1: must be at least 0"),
+        ({"local_images": 2.5}, "local_images = 2.5: must be a whole number"),
+    ],
+)
+def test_settings_out_of_their_range_are_refused_by_name(change: dict[str, float], rule: str) -> None:
+    with pytest.raises(InvalidArgument, match=rule):
+        IncrementalSettings(**change)  # type: ignore[arg-type]

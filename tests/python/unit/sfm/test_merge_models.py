@@ -58,13 +58,34 @@ def test_a_map_of_another_frame_is_put_in_its_place() -> None:
     assert first.poses == pytest.approx(whole.poses, abs=1e-6)
 
 
-def test_points_that_lie_do_not_matter() -> None:
+def test_wrong_points_do_not_matter() -> None:
     whole, first, last = two_halves()
     last.transform(MOVE)
     wrong = np.flatnonzero(last.known)[::4]
     last.points[wrong] += np.random.default_rng(0).normal(0, 5.0, (len(wrong), 3))
     assert merge_models(first, last, SETTINGS)
     assert first.poses == pytest.approx(whole.poses, abs=1e-6)
+
+
+def test_cameras_of_added_images_come_with_what_their_model_knows_of_them() -> None:
+    first, last = (with_a_camera_for_each_image(part) for part in two_halves()[1:])
+    first.intrinsics[7:, 0] *= 1.3  # a guess, where no image of the model has told better
+    last.intrinsics[:5, 0] *= 0.8
+    before, last.fixed_intrinsics[:] = last.intrinsics.copy(), False
+    last.intrinsics[5:7, 5] = 1e-3  # of images of both: what the model had stays
+    assert merge_models(first, last, SETTINGS)
+    np.testing.assert_array_equal(first.intrinsics[:, 0], before[5:6, 0].repeat(12))
+    assert not first.intrinsics[:, 5].any()
+    assert first.fixed_intrinsics[:7].all()
+    assert not first.fixed_intrinsics[7:].any()
+
+
+def with_a_camera_for_each_image(part: Map) -> Map:
+    result = Map("perspective")
+    result.add_cameras(part.intrinsics[part.image_cameras], fixed=part.fixed_intrinsics[part.image_cameras])
+    result.join(part, cameras=np.zeros(len(part.intrinsics), dtype=np.int32))
+    result.image_cameras[:] = np.arange(part.num_images)
+    return result
 
 
 def test_maps_that_do_not_fit_stay_as_they_are() -> None:

@@ -12,6 +12,7 @@ from sfmcpp.model.photos import Photo
 from sfmcpp.sensors import geodetic_of
 from sfmcpp.sfm import georeference
 from sfmcpp.sfm.georeference import georeference_to
+from sfmcpp.sfm.position_checks import undecidable_positions, worst_deviation
 from sfmcpp.sfm.positions import Positions, choose_positions, local_positions, unused_positions
 from sfmcpp.sources.io.named_positions import NamedPositions
 
@@ -96,7 +97,7 @@ def test_one_wrong_position_is_named_by_its_own_standard_deviation() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize(("heights", "stated"), [(2.0, True), (3.0, False)])
-def test_no_honest_position_is_named(seed: int, heights: float, stated: bool) -> None:
+def test_no_right_position_is_named(seed: int, heights: float, stated: bool) -> None:
     assert not warnings_of_block(seed, heights=heights, stated=stated)
 
 
@@ -148,3 +149,19 @@ def test_positions_of_files_that_are_too_few_are_named(gps: str, count: int, tol
 
 def test_an_origin_of_zero_has_no_sign() -> None:
     assert not np.signbit(local_positions(np.full((5, 3), -30.0), geodetic=False).origin).any()
+
+
+def test_an_axis_without_residuals_hides_no_wrong_position() -> None:
+    apart = np.random.default_rng(0).normal(size=(12, 3))
+    apart[:, 2], apart[3, 0] = 0.0, 50.0
+    hat = 0.1 * np.eye(36)
+    worst, deviation = worst_deviation(apart, np.ones((12, 3)), hat)
+    assert worst == 3
+    assert deviation > 4
+    assert worst_deviation(np.zeros((12, 3)), np.ones((12, 3)), hat) == (0, 0.0)
+
+
+def test_of_images_at_one_place_no_position_is_undecidable() -> None:
+    metres = np.random.default_rng(0).normal(size=(6, 3))
+    trusted = np.arange(6) < 5
+    assert not undecidable_positions(np.ones((6, 3)), metres, np.ones((6, 3)), trusted).any()

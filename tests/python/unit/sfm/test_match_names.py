@@ -1,0 +1,28 @@
+"""Names of images, and what a table of positions calls them."""
+
+from __future__ import annotations
+
+import pytest
+
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.sfm.positions import match_names
+
+
+def test_names_may_differ_by_folders_and_by_the_case_of_suffixes() -> None:
+    images = ["a/1.JPG", "b/1.JPG", "2.JPG", "3.jpg"]
+    told = ["/sd/a/1.jpg", r"C:\dcim\b\1.JPG", "x/2.jpeg", "3.jpg", "y/3.JPG"]
+    assert match_names(images, told) == {"a/1.JPG": told[0], "b/1.JPG": told[1], "3.jpg": "3.jpg"}
+    with pytest.raises(InvalidArgument, match=r"position of 1\.jpg may be that of a/1\.JPG or of b/1\.JPG"):
+        match_names(images, ["1.jpg"])
+    with pytest.raises(
+        InvalidArgument, match=r"positions of m/2\.jpg and of n/2\.jpg may both be those of 2\.JPG"
+    ):
+        match_names(images, ["n/2.jpg", "m/2.jpg"])
+
+
+def test_names_may_lack_their_suffix() -> None:
+    images = ["a/1.JPG", "a/2.v2.jpg", "3.JPG", "3.DNG"]
+    assert match_names(images, ["1", "2.v2"]) == {"a/1.JPG": "1", "a/2.v2.jpg": "2.v2"}
+    with pytest.raises(InvalidArgument, match=r"position of 3 may be that of 3\.JPG or of 3\.DNG"):
+        match_names(images, ["3"])
+    assert match_names(images, ["3.jpg", "2"]) == {"3.JPG": "3.jpg"}
