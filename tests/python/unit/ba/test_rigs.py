@@ -238,10 +238,16 @@ def test_covariance_of_a_camera_is_that_of_its_frame_moved_to_it() -> None:
     np.testing.assert_allclose(found.joint, joint, rtol=1e-6, atol=1e-12)
 
 
-def test_free_covariance_is_the_pseudo_inverse() -> None:
-    problem = started(scene(num_cameras=9, num_points=60, length_m=1.0))
+@pytest.mark.parametrize("case", ["bare", "distance within a frame", "sensor without images"])
+def test_free_covariance_is_the_pseudo_inverse(case: str) -> None:
+    problem, groups = started(scene(num_cameras=9, num_points=60, length_m=1.0)), []
+    if case == "distance within a frame":  # that of the rig: its derivative is rounding
+        problem = seen_from_two_frames(started(scene(num_cameras=9, num_points=120, length_m=6.0)))
+        groups = [ConstraintGroup("scale", [[3, 4]], [0.5], weight=100.0)]
+    if case == "sensor without images":  # the first of its frames
+        problem = seen_from_two_frames(problem.with_observations(problem.camera_index % 3 != 0))
     sfmcpp.solve(problem)
-    model = sfmcpp.linearize(problem)
+    model = sfmcpp.linearize(problem, constraints=groups)
     found = model.covariance(cameras=[4]).cameras[0]
     inverse = np.linalg.pinv(model.normal_matrix().toarray(), rcond=1e-11, hermitian=True)
     motion = rigs_of(problem).motions(problem.cameras)[4]
