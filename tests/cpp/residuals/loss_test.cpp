@@ -61,6 +61,14 @@ TEST_P(EveryLoss, ValueAndDerivativeAreContinuousAtTheKnee) {
       loss().derivative(kKnee * (1 - 1e-12)), loss().derivative(kKnee * (1 + 1e-12)), 1e-10);
 }
 
+// A loss that is constant far off would make a cost of a residual that there is not.
+TEST_P(EveryLoss, OfNoNumberIsNoNumber) {
+  EXPECT_TRUE(std::isnan(loss().rho(std::nan(""))));
+  if (loss().is_squared()) return;
+  EXPECT_TRUE(std::isnan(loss().derivative(std::nan(""))));
+  EXPECT_TRUE(std::isnan(loss().influence_slope(std::nan(""))));
+}
+
 INSTANTIATE_TEST_SUITE_P(Kinds,
                          EveryLoss,
                          testing::Values(LossKind::kSquared,
