@@ -151,6 +151,23 @@ TEST(LossTable, NumbersThatAreNotFiniteAndALossThatFallsAreRefused) {
   EXPECT_NE(refusal_of({0.0, HUGE_VAL}, biweight()), "no error");
 }
 
+// Polynomials through weights that fall to nothing within a cell, as those of exp(−s), swing.
+TEST(LossTable, WeightsThatAreNothingBesideTheLargestMaySwingAboutZero) {
+  std::vector<double> coefficients = {1.0, 0, 0, 0, 0, 0, 0, 0};
+  coefficients.insert(coefficients.end(), {1e-20, -2.2e-20, 1.1e-20, 0, 0, 0, 0, 0});
+  const LossTable loss("falls", {0.0, 1.0, 2.0}, coefficients);
+  EXPECT_EQ(loss.derivative(2.0), 0.0);
+  coefficients[9] = -2.2e-12;
+  EXPECT_NE(refusal_of({0.0, 1.0, 2.0}, coefficients), "no error");
+}
+
+// 0.3 − 0.1 − 0.2 is less than zero, by rounding.
+TEST(LossTable, DoesNotFallBeyondItsLastKnot) {
+  const LossTable loss("falls", {0.0, 1.0}, {0.3, -0.1, -0.2, 0, 0, 0, 0, 0});
+  EXPECT_EQ(loss.derivative(1e20), 0.0);
+  EXPECT_EQ(loss.rho(1e20), loss.rho(1.0));
+}
+
 // The efficiency of an M-estimator of location, (E ψ′)² / E ψ² on standard normal numbers,
 // integrated with ψ(x) = x ρ′(x²): 95 % is what defines the constants.
 double efficiency(LossKind kind) {
