@@ -13,6 +13,7 @@
 #include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/math/so3.hpp"
 #include "sfmcpp/residuals/whitening.hpp"
 
@@ -147,6 +148,57 @@ void check_scales(const char* array, std::span<const double> values, std::size_t
   }
 }
 
+// Of the homographies exp(A) of a projective world, those that do not change what is fixed and
+// seen: P A ~ P of cameras, A Q ~ Q of points, which are linear in the 16 entries of A. All are so
+// for A = I, which is no motion.
+class FreeHomographies {
+ public:
+  void hold_camera(const Matrix34& p) {
+    Eigen::Matrix<double, 12, 16> moved = Eigen::Matrix<double, 12, 16>::Zero();
+    for (int c = 0; c < 4; ++c) moved.block<3, 4>(3 * c, 4 * c) = p;
+    const Eigen::Matrix<double, 3, 4> by_columns = p;
+    hold(moved, by_columns.reshaped());
+  }
+  void hold_point(const Eigen::Vector4d& q) {
+    Eigen::Matrix<double, 4, 16> moved;
+    for (int c = 0; c < 4; ++c) moved.middleCols<4>(4 * c) = q[c] * Eigen::Matrix4d::Identity();
+    hold(moved, q);
+  }
+  // Over all ranks.
+  long count(Exchange& exchange) {
+    constexpr double kNegligible = 1e-12;
+    exchange.sum({held_.data(), static_cast<std::size_t>(held_.size())});
+    const Eigen::VectorXd values = symmetric_spectrum(held_).values;
+    return (values.array() <= kNegligible * std::max(values[15], 1.0)).count() - 1;
+  }
+
+ private:
+  template <class Moved, class Block>
+  void hold(const Moved& moved, const Block& block) {
+    const auto along = block.normalized().eval();
+    const Moved aside = (moved - along * (along.transpose() * moved)) / block.norm();
+    held_ += aside.transpose() * aside;
+  }
+
+  Eigen::Matrix<double, 16, 16> held_ = Eigen::Matrix<double, 16, 16>::Zero();
+};
+
+long num_free_homographies(const Problem& problem,
+                           const linear::ObservationGraph& graph,
+                           const optim::State& state,
+                           Exchange& exchange) {
+  FreeHomographies free;
+  for (int i = 0; i < problem.num_cameras() && exchange.is_root(); ++i) {
+    if (graph.is_observed(i) && problem.is_fixed_camera(i))
+      free.hold_camera(PoseMatrixView(state.cameras.data() + problem.camera_offset(i)));
+  }
+  for (int p = 0; p < problem.num_points(); ++p) {
+    if (graph.observations_of_point(p) > 0 && problem.is_fixed_point(p))
+      free.hold_point(Eigen::Vector4d(state.points.data() + problem.point_offset(p)));
+  }
+  return free.count(exchange);
+}
+
 void check_frames(const Problem& problem) {
   const auto width = static_cast<std::size_t>(problem.num_intrinsics());
   for (std::size_t k = 0; k < problem.intrinsics.size(); k += width) {
@@ -235,15 +287,10 @@ long num_world_freedoms(const Problem& problem,
                         Exchange& exchange) {
   if (is_metric(problem.camera_model))
     return static_cast<long>(choose_gauge(problem, graph, state, exchange).size());
-  constexpr long kHomographies = 15;
-  bool held = false;
   long scales = 0;  // of matrices, each with a column
-  for (int i = 0; i < problem.num_cameras(); ++i) {
-    held |= problem.is_fixed_camera(i);
+  for (int i = 0; i < problem.num_cameras(); ++i)
     scales += graph.is_observed(i) && !problem.is_fixed_camera(i);
-  }
-  for (int p = 0; p < problem.num_points(); ++p) held |= problem.is_fixed_point(p);
-  return scales + (exchange.agree(held) ? 0 : kHomographies);
+  return scales + num_free_homographies(problem, graph, state, exchange);
 }
 
 void check_determined(const linear::ObservationGraph& graph,

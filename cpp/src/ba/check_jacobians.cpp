@@ -183,6 +183,11 @@ struct Comparison {
   Eigen::RowVectorXd rounding;
 };
 
+// Of each column, the largest of what is finite.
+Eigen::RowVectorXd largest_of_columns(const Eigen::MatrixXd& m) {
+  return m.array().isFinite().select(m, 0.0).cwiseAbs().colwise().maxCoeff();
+}
+
 // A derivative that happens to vanish in one observation is judged by the size it has in others, or
 // by what rounding lets a numeric one resolve: relative accuracy means nothing there.
 void judge(const Problem& problem,
@@ -191,14 +196,10 @@ void judge(const Problem& problem,
   constexpr double kSmall = 1e-2, kResolved = 1e9;
   if (comparisons.empty()) return;
   Eigen::RowVectorXd largest = Eigen::RowVectorXd::Zero(comparisons[0].numeric.cols());
-  for (const Comparison& c : comparisons)
-    largest = largest.cwiseMax(c.numeric.cwiseAbs().colwise().maxCoeff());
+  for (const Comparison& c : comparisons) largest = largest.cwiseMax(largest_of_columns(c.numeric));
   for (const Comparison& c : comparisons) {
-    const Eigen::RowVectorXd scale = c.numeric.cwiseAbs()
-                                         .colwise()
-                                         .maxCoeff()
-                                         .cwiseMax(kSmall * largest)
-                                         .cwiseMax(kResolved * c.rounding);
+    const Eigen::RowVectorXd scale =
+        largest_of_columns(c.numeric).cwiseMax(kSmall * largest).cwiseMax(kResolved * c.rounding);
     // Those that are no numbers are infinitely wrong: NaN would compare with nothing.
     const Eigen::MatrixXd apart = (c.analytic - c.numeric).cwiseAbs();
     const Eigen::RowVectorXd errors = apart.array()

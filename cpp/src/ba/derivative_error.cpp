@@ -22,12 +22,16 @@ using residuals::kNoPoint;
 using residuals::kNoPrevious;
 
 // A group on cameras and points of its own: each member's previous camera, camera and point in
-// turn, so that all members are moved at once.
+// turn, so that all members are moved at once. Without weights: what counts little or not at all
+// may be as wrong.
 class OwnCopy {
  public:
   OwnCopy(const ConstraintGroup& group, const ConstrainedCameras& given)
       : group_(group), model_(given.camera_model) {
+    group_.weight = 1.0;
     for (ConstraintMember& member : group_.members) {
+      member.weight = 1.0;
+      member.entry_weights.clear();
       for (int* camera : {&member.previous, &member.camera}) take_camera(given, *camera);
       if (member.point == kNoPoint) continue;
       const double* point = given.points + long{kPointTangent} * member.point;

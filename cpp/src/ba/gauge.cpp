@@ -33,6 +33,8 @@ class GaugeChooser {
     find_free_motions(exchange);
   }
 
+  const Eigen::MatrixXd& free_similarities() const { return free_; }
+
   std::vector<PoseParameter> choose() {
     if (graph_.num_cameras == 0) return {};
     if (free_.cols() == kSimilarities) hold_first_pose();
@@ -204,6 +206,13 @@ std::vector<PoseParameter> choose_gauge(const Problem& problem,
                                         const optim::State& state,
                                         Exchange& exchange) {
   return GaugeChooser(problem, graph, state, exchange).choose();
+}
+
+Eigen::MatrixXd free_similarities(const Problem& problem,
+                                  const linear::ObservationGraph& graph,
+                                  const optim::State& state,
+                                  Exchange& exchange) {
+  return GaugeChooser(problem, graph, state, exchange).free_similarities();
 }
 
 }  // namespace sfmcpp::ba

@@ -5,6 +5,7 @@
 #include <string>
 
 #include "sfmcpp/ba/constraint_terms.hpp"
+#include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/grouping.hpp"
@@ -70,6 +71,18 @@ class Envelope {
   std::vector<std::vector<double>> row_;
 };
 
+// The Jacobian of a constraint on two cameras by the frame of both: where they cancel, no rounding
+// is left.
+void add_of_same_frame(const std::vector<double>& by_previous, std::vector<double>& by_camera) {
+  constexpr double kRounding = 1e-12;
+  double largest = 0.0;
+  for (double value : by_previous) largest = std::max(largest, std::abs(value));
+  for (std::size_t k = 0; k < by_camera.size(); ++k) {
+    by_camera[k] += by_previous[k];
+    if (std::abs(by_camera[k]) <= kRounding * largest) by_camera[k] = 0.0;
+  }
+}
+
 // One constraint on a camera without images.
 struct Tie {
   const ConstraintGroup* group;
@@ -85,6 +98,8 @@ class HeldCameraSearch {
                    const optim::State& state)
       : problem_(problem),
         graph_(graph),
+        state_(state),
+        frames_(problem),
         cameras_(constrained_cameras(problem, state)),
         islands_(problem.num_cameras()),
         place_(problem.num_cameras()),
@@ -97,12 +112,16 @@ class HeldCameraSearch {
     find_ties();
     if (ties_.empty()) return {};
     std::vector<std::vector<Tie>> ties(place_.size());
-    for (const Tie& tie : ties_) ties[islands_.root(an_open_camera(tie.member()))].push_back(tie);
+    for (const Tie& tie : ties_) {
+      const int camera = frames_.lead(an_open_camera(tie.member()));
+      ties[islands_.root(camera)].push_back(tie);
+    }
     std::vector<std::vector<int>> members(place_.size());
-    for (std::size_t i = 0; i < place_.size(); ++i) {
-      std::vector<int>& island = members[islands_.root(static_cast<int>(i))];
+    for (int i = 0; i < problem_.num_cameras(); ++i) {
+      if (!frames_.leads(i)) continue;
+      std::vector<int>& island = members[islands_.root(i)];
       place_[i] = static_cast<int>(island.size());
-      island.push_back(static_cast<int>(i));
+      island.push_back(i);
     }
     bool any = false;
     for (std::size_t i = 0; i < place_.size(); ++i) {
@@ -112,6 +131,7 @@ class HeldCameraSearch {
       for (int camera : members[i]) held_[camera] = held;
       any |= held;
     }
+    for (int i = 0; i < problem_.num_cameras(); ++i) held_[i] = held_[frames_.lead(i)];
     return any ? std::move(held_) : std::vector<std::uint8_t>();
   }
 
@@ -131,7 +151,8 @@ class HeldCameraSearch {
         const bool here = is_open(member.camera), there = is_open(member.previous);
         if (!(here || there) || !residuals::is_active(group, member)) continue;
         ties_.push_back({&group, k});
-        if (here && there) islands_.join(member.previous, member.camera);
+        if (here && there)
+          islands_.join(frames_.lead(member.previous), frames_.lead(member.camera));
       }
     }
   }
@@ -146,16 +167,28 @@ class HeldCameraSearch {
       const double factor = 1.0 / std::sqrt(tie.group->weight * member.weight);
       for (double& value : error_.by_camera) value *= factor;
       for (double& value : error_.by_previous) value *= factor;
+      carry(member.camera, error_.by_camera);
+      if (member.previous != kNoPrevious) carry(member.previous, error_.by_previous);
       add(member, matrix);
     }
     return matrix.has_full_rank();
   }
 
-  void add(const ConstraintMember& member, Envelope& matrix) const {
+  // From a camera to its frame.
+  void carry(int camera, std::vector<double>& jacobian) const {
+    if (frames_.any())
+      frames_.motion(state_, camera).carry(jacobian.data(), error_.rows, kPoseTangent);
+  }
+
+  void add(const ConstraintMember& member, Envelope& matrix) {
+    const bool here = is_open(member.camera), there = is_open(member.previous);
+    const int at = here ? place_[frames_.lead(member.camera)] : 0;
+    const int before = there ? place_[frames_.lead(member.previous)] : 0;
+    const bool of_one_frame = here && there && at == before;
+    if (of_one_frame) add_of_same_frame(error_.by_previous, error_.by_camera);
     const double *by_camera = error_.by_camera.data(), *by_previous = error_.by_previous.data();
     const int rows = error_.rows;
-    const bool here = is_open(member.camera), there = is_open(member.previous);
-    const int at = place_[member.camera], before = there ? place_[member.previous] : 0;
+    if (of_one_frame) return matrix.add(by_camera, at, by_camera, at, rows);
     if (here) matrix.add(by_camera, at, by_camera, at, rows);
     if (there) matrix.add(by_previous, before, by_previous, before, rows);
     if (here && there) matrix.add(by_camera, at, by_previous, before, rows);
@@ -174,12 +207,14 @@ class HeldCameraSearch {
 
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
+  const optim::State& state_;
+  Frames frames_;
   residuals::ConstrainedCameras cameras_;
   residuals::ConstraintColumns columns_;
   residuals::ConstraintResidual error_;
   std::vector<Tie> ties_;
-  DisjointSets islands_;    // cameras that constraints tie
-  std::vector<int> place_;  // of each camera in its island
+  DisjointSets islands_;    // frames that constraints tie, each its first camera
+  std::vector<int> place_;  // of each frame in its island
   std::vector<std::uint8_t> held_;
 };
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "pose_fit.hpp"
+#include "sfmcpp/ba/solve_options.hpp"
 #include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/core/options_check.hpp"
 #include "sfmcpp/core/parallel.hpp"
@@ -51,7 +52,7 @@ void PoseSweepOptions::validate() const {
   check.require(fold_iterations >= 1, "fold_iterations", fold_iterations, "at least 1");
   check.require(
       std::isfinite(inlier_px) && inlier_px > 0.0, "inlier_px", inlier_px, "finite and positive");
-  check.require(threads >= 0, "threads", threads, "not negative");
+  check.require(kNumThreads.holds(threads), "threads", threads, kNumThreads.text);
   check.done();
 }
 

@@ -246,15 +246,24 @@ namespace {
 
 constexpr int kNoSensor = -1;
 
-// Sensors that frames hold together by what they see.
-DisjointSets joined_sensors(const Problem& problem, const linear::ObservationGraph& graph) {
-  DisjointSets rigs(problem.rigs.num_sensors());
+// Of each frame, the first of its sensors with observations there.
+std::vector<int> sensors_of_frames(const Problem& problem, const linear::ObservationGraph& graph) {
   std::vector<int> of_frame(problem.num_cameras(), kNoSensor);
   for (int i = 0; i < problem.num_cameras(); ++i) {
-    if (!graph.is_observed(i)) continue;
     int& first = of_frame[problem.rigs.frame_of_camera[i]];
-    if (first == kNoSensor) first = problem.rigs.sensor_of_camera[i];
-    rigs.join(problem.rigs.sensor_of_camera[i], first);
+    if (graph.is_observed(i) && first == kNoSensor) first = problem.rigs.sensor_of_camera[i];
+  }
+  return of_frame;
+}
+
+// Sensors that frames hold together by what they see.
+DisjointSets joined_sensors(const Problem& problem,
+                            const linear::ObservationGraph& graph,
+                            const std::vector<int>& of_frame) {
+  DisjointSets rigs(problem.rigs.num_sensors());
+  for (int i = 0; i < problem.num_cameras(); ++i) {
+    if (graph.is_observed(i))
+      rigs.join(problem.rigs.sensor_of_camera[i], of_frame[problem.rigs.frame_of_camera[i]]);
   }
   return rigs;
 }
@@ -267,7 +276,8 @@ FreeSensors::FreeSensors(const Problem& problem, const linear::ObservationGraph&
       observed_(problem.rigs.num_sensors()),
       anchor_(problem.rigs.num_sensors(), kNoSensor) {
   if (problem.rigs.empty()) return;
-  DisjointSets rigs = joined_sensors(problem, graph);
+  of_frame_ = sensors_of_frames(problem, graph);
+  DisjointSets rigs = joined_sensors(problem, graph, of_frame_);
   std::vector<char> needs_anchor(moves_.size());
   for (int i = 0; i < problem.num_cameras(); ++i) {
     if (!graph.is_observed(i)) continue;
@@ -311,8 +321,10 @@ Eigen::Vector3d FreeSensors::anchor(const Frames& frames,
                                     const optim::State& state,
                                     int camera) const {
   if (!frames.any()) return Eigen::Vector3d::Zero();
+  const int seeing = of_frame_[problem_.rigs.frame_of_camera[camera]];
   return frames.pose(state, camera).leftCols<3>() *
-         anchor_in_rig(state, problem_.rigs.sensor_of_camera[camera]);
+         anchor_in_rig(state,
+                       seeing != kNoSensor ? seeing : problem_.rigs.sensor_of_camera[camera]);
 }
 
 std::vector<std::string> FreeSensors::warnings() const {

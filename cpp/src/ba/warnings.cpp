@@ -157,7 +157,8 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
                                         const Rigs& rigs,
                                         bool constrained,
                                         Exchange& exchange,
-                                        std::span<const char> of_others) {
+                                        std::span<const char> of_others,
+                                        std::span<const std::uint8_t> fixed_points) {
   std::vector<std::string> warnings;
   const auto has_views = [&](int p, int count) {
     return is_of_images_alone(of_others, p) && graph.observations_of_point(p) == count;
@@ -177,7 +178,7 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
   warn(
       "point",
       graph.num_points,
-      [&](int p) { return has_views(p, 1); },
+      [&](int p) { return has_views(p, 1) && (fixed_points.empty() || fixed_points[p] == 0); },
       "seen by one camera only, the depth is held by damping alone",
       warnings);
   const int components = num_components(graph, rigs, exchange);
@@ -198,7 +199,10 @@ std::vector<std::string> warnings_about_baselines(const Problem& problem,
   warn(
       "point",
       graph.num_points,
-      [&](int p) { return is_of_images_alone(of_others, p) && lacks_baseline(problem, graph, p); },
+      [&](int p) {
+        return is_of_images_alone(of_others, p) && !problem.is_fixed_point(p) &&
+               lacks_baseline(problem, graph, p);
+      },
       "seen from one place, the depth is held by damping alone",
       warnings);
   return warnings;

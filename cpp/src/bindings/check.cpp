@@ -32,7 +32,8 @@ std::vector<std::string> check(const py::dict& arrays) {
       0,
       this_process(),
       [&] { return ba::num_world_freedoms(problem, graph, ba::state_of(problem)); });
-  std::vector<std::string> warnings = ba::warnings_about(graph, problem.rigs);
+  std::vector<std::string> warnings =
+      ba::warnings_about(graph, problem.rigs, false, this_process(), {}, problem.fixed_points);
   std::ranges::move(ba::warnings_about_baselines(problem, graph), std::back_inserter(warnings));
   std::ranges::move(ba::warnings_about_cameras(problem, graph), std::back_inserter(warnings));
   std::ranges::move(ba::FreeSensors(problem, graph).warnings(), std::back_inserter(warnings));

@@ -26,18 +26,23 @@ LossTable::LossTable(std::string name, std::vector<double> knots, std::vector<do
 // With a negative weight more error would be less cost. Where ρ′ is zero rounding may make it less.
 void LossTable::check_weights() const {
   constexpr int kPlaces = 8;
-  constexpr double kRounding = 1e-9;  // of the largest term
+  // Of the largest term of a cell; and of the table, about which a function that falls to nothing
+  // within a cell may swing.
+  constexpr double kRounding = 1e-9, kRoundingOfTable = 1e-13;
+  double largest_of_all = 0.0;
   for (std::size_t k = 0; k < coefficients_.size(); ++k) {
     if (!std::isfinite(coefficients_[k])) refuse(entry("coefficients", k), "must be finite");
+    largest_of_all = std::max(largest_of_all, std::abs(coefficients_[k]));
   }
   for (std::size_t k = 0; k + 1 < knots_.size(); ++k) {
     const double* cell = &coefficients_[kTerms * k];
     const double width = knots_[k + 1] - knots_[k];
     double largest = 0.0;
     for (int i = 0; i < kTerms; ++i) largest = std::max(largest, std::abs(cell[i]));
+    const double rounding = std::max(kRounding * largest, kRoundingOfTable * largest_of_all);
     for (int place = 0; place <= kPlaces; ++place) {
       const double x = static_cast<double>(place) / kPlaces, weight = value_at({cell, x, width});
-      if (weight >= -kRounding * largest) continue;
+      if (weight >= -rounding) continue;
       refuse("coefficients: derivative " + std::to_string(weight) + " at " +
                  std::to_string(knots_[k] + x * width),
              "must not be negative");
@@ -69,7 +74,8 @@ double LossTable::rho(double s) const {
   const Place place = place_of(s);
   const auto k = static_cast<std::size_t>(place.coefficients - coefficients_.data()) / kTerms;
   const double beyond = std::max(s - knots_.back(), 0.0);
-  return rho_[k] + integral_to(place) + (beyond > 0.0 ? beyond * value_at(place) : 0.0);
+  const double slope = std::max(value_at(place), 0.0);  // as derivative() has it
+  return rho_[k] + integral_to(place) + (beyond > 0.0 ? beyond * slope : 0.0);
 }
 
 // Where ρ′ is zero the polynomial may be less by its rounding.

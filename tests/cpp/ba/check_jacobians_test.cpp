@@ -1,5 +1,9 @@
 #include "sfmcpp/ba/check_jacobians.hpp"
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+
 #include <gtest/gtest.h>
 
 #include "sfmcpp/core/error.hpp"
@@ -43,6 +47,55 @@ TEST(CheckJacobiansOf, OneObservationNearTheAxisAgreesWithItself) {
     const JacobianCheck check = check_jacobians(scene.view());
     EXPECT_LT(check.worst_error, 1e-7) << check.worst_parameter << ", " << aside;
   }
+}
+
+// A pinhole that sees as far as `edge` beside its axis, with a derivative that is off in the first
+// point: the images of those beyond are no numbers, as numeric derivatives of those at the edge.
+class Narrow final : public CameraFunction {
+ public:
+  const std::string& name() const override { return name_; }
+  std::span<const std::string_view> intrinsic_names() const override { return names_; }
+  void image(int count,
+             const double* points,
+             const double* f,
+             double* pixels,
+             const Jacobians* out) const override {
+    for (int k = 0; k < count; ++k, points += 3) {
+      const double x = points[0] / points[2], y = points[1] / points[2];
+      pixels[2 * k] = points[0] > 1.0 ? NAN : f[k] * x;
+      pixels[2 * k + 1] = f[k] * y;
+      if (out == nullptr) continue;
+      const double scale = f[k] / points[2], off = points[0] == 0.0 ? 1.1 : 1.0;
+      const double by_point[6] = {off * scale, 0, -scale * x, 0, scale, -scale * y};
+      std::copy_n(by_point, 6, out->by_point + 6 * k);
+      out->by_intrinsics[2 * k] = x;
+      out->by_intrinsics[2 * k + 1] = y;
+    }
+  }
+
+ private:
+  std::string name_ = "narrow";
+  std::array<std::string_view, 1> names_{"f"};
+};
+
+TEST(CheckJacobiansOf, AFunctionWithoutANumberIsNamedWhereverItIs) {
+  const Narrow narrow;
+  support::OwnedProblem scene;
+  scene.cameras = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  scene.intrinsics = {500};
+  scene.intrinsics_index = {0};
+  scene.points = {0, 0.2, 4, 0.5, -0.3, 5, 1, 0.1, 4, -0.7, 0.2, 6};
+  for (int p = 0; p < 4; ++p) scene.observe(0, p, 0, 0);
+  Problem problem = scene.view();
+  problem.camera_model = CameraModel(narrow);
+  const JacobianCheck check = check_jacobians(problem);
+  EXPECT_EQ(check.worst_observation, 2);  // at the edge
+  EXPECT_EQ(check.worst_error, HUGE_VAL);
+  const JacobianCheck of_first = check_jacobians(problem, 2);  // of observations 0 and 2
+  EXPECT_EQ(of_first.worst_observation, 2);
+  scene.points[6] = 0.9;
+  EXPECT_EQ(check_jacobians(problem).worst_observation, 0);
+  EXPECT_NEAR(check_jacobians(problem).worst_error, 0.1, 1e-3);
 }
 
 // Nothing is behind an uncalibrated camera.

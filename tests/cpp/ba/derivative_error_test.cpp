@@ -84,10 +84,11 @@ const support::OwnedProblem& scene() {
   return kScene;
 }
 
-double error_of(Mistake mistake) {
-  ConstraintGroup group{.name = "depths"};
-  for (int k = 0; k < 5; ++k) group.members.push_back({.camera = k % 2, .point = k});
-  group.members[2].weight = 7.0;
+double error_of(Mistake mistake, double weight = 1.0, double weight_of_members = 1.0) {
+  ConstraintGroup group{.name = "depths", .weight = weight};
+  for (int k = 0; k < 5; ++k)
+    group.members.push_back({.camera = k % 2, .point = k, .weight = weight_of_members});
+  group.members[2].weight *= 7.0;
   group.function = std::make_shared<Depths>(5, mistake);
   return derivative_error(scene().view(), group);
 }
@@ -106,6 +107,11 @@ TEST(DerivativeError, TellsAWrongSignAndDerivativesThatAreNotWritten) {
 TEST(DerivativeError, TellsDerivativesByPointsThatAreOff) {
   EXPECT_GT(error_of(Mistake::kPoint), 0.05);
   EXPECT_LT(error_of(Mistake::kPoint), 0.15);
+}
+
+TEST(DerivativeError, IsTheSameWhateverTheWeights) {
+  EXPECT_EQ(error_of(Mistake::kPoint, 0.0), error_of(Mistake::kPoint));
+  EXPECT_EQ(error_of(Mistake::kSign, 3.0, 0.0), error_of(Mistake::kSign));
 }
 
 TEST(DerivativeError, LooksAtBothPosesOfAPair) {

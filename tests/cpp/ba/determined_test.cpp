@@ -1,9 +1,13 @@
 // Are there as many residuals as unknowns?
 #include <algorithm>
+#include <utility>
+#include <vector>
 
+#include <Eigen/QR>
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/check.hpp"
+#include "support/dense_reference.hpp"
 #include "support/linearized_problem.hpp"
 #include "support/refusal.hpp"
 
@@ -62,6 +66,37 @@ TEST(CheckDetermined, FreedomsOfAProjectiveWorldAreNoUnknowns) {
       check_beside_freedoms(CameraModelId::kProjective, 6),
       "fewer residuals than unknowns: 24 residuals, 25 unknowns beside the 17 freedoms of the "
       "world; fix some or add observations");
+}
+
+// What is fixed takes as many freedoms from the world as it has numbers, or all that are left.
+TEST(CheckDetermined, AFixedCameraLeavesAProjectiveWorldFourHomographies) {
+  EXPECT_EQ(check_beside_freedoms(CameraModelId::kProjective, 7, true), "no error");
+  EXPECT_EQ(check_beside_freedoms(CameraModelId::kProjective, 6, true),
+            "fewer residuals than unknowns: 24 residuals, 25 unknowns beside the 5 freedoms of the "
+            "world; fix some or add observations");
+}
+
+// Directions of the unknowns along which the images do not change.
+long num_unseen(const support::LinearizedProblem& work) {
+  const Eigen::MatrixXd jacobian = support::make_dense_system(work).jacobian;
+  return jacobian.cols() -
+         Eigen::ColPivHouseholderQR<Eigen::MatrixXd>(jacobian).setThreshold(1e-9).rank();
+}
+
+TEST(CheckDetermined, FreedomsOfAProjectiveWorldAreWhatTheJacobianDoesNotSee) {
+  support::SceneOptions options;
+  options.camera_model = CameraModelId::kProjective;
+  options.num_cameras = 4;
+  const std::vector<std::pair<std::vector<int>, std::vector<int>>> fixed = {
+      {{}, {}}, {{1}, {}}, {{0, 2}, {}}, {{}, {3}}, {{}, {3, 5, 7, 11, 13}}, {{2}, {4, 9}}};
+  for (const auto& [cameras, points] : fixed) {
+    OwnedProblem scene = make_circle_scene(options);
+    for (int i : cameras) scene.fixed_cameras[i] = 1;
+    for (int p : points) scene.fixed_points[p] = 1;
+    const support::LinearizedProblem work(scene);
+    EXPECT_EQ(num_world_freedoms(work.problem, work.graph, work.state), num_unseen(work))
+        << cameras.size() << " cameras, " << points.size() << " points";
+  }
 }
 
 TEST(CheckDetermined, FixedThingsAreNoUnknowns) {

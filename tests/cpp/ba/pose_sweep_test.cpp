@@ -179,6 +179,7 @@ TEST(PoseSweepCheck, NamesTheArgumentTheValueAndTheRule) {
   EXPECT_THROW(fine.sweep(kWeights, {.max_iterations = 0}), InvalidArgument);
   EXPECT_THROW(fine.sweep(kWeights, {.inlier_px = -1.0}), InvalidArgument);
   EXPECT_THROW(fine.sweep(kWeights, {.threads = -1}), InvalidArgument);
+  EXPECT_THROW(fine.sweep(kWeights, {.threads = 1025}), InvalidArgument);
 }
 
 }  // namespace

@@ -61,6 +61,14 @@ TEST_P(EveryLoss, ValueAndDerivativeAreContinuousAtTheKnee) {
       loss().derivative(kKnee * (1 - 1e-12)), loss().derivative(kKnee * (1 + 1e-12)), 1e-10);
 }
 
+// A loss that is constant far off would make a cost of a residual that there is not.
+TEST_P(EveryLoss, OfNoNumberIsNoNumber) {
+  EXPECT_TRUE(std::isnan(loss().rho(std::nan(""))));
+  if (loss().is_squared()) return;
+  EXPECT_TRUE(std::isnan(loss().derivative(std::nan(""))));
+  EXPECT_TRUE(std::isnan(loss().influence_slope(std::nan(""))));
+}
+
 INSTANTIATE_TEST_SUITE_P(Kinds,
                          EveryLoss,
                          testing::Values(LossKind::kSquared,
@@ -141,6 +149,23 @@ TEST(LossTable, NumbersThatAreNotFiniteAndALossThatFallsAreRefused) {
   falls[3] = kNaN;
   EXPECT_EQ(refusal_of({0.0, 1.0}, falls), "coefficients[3]: must be finite");
   EXPECT_NE(refusal_of({0.0, HUGE_VAL}, biweight()), "no error");
+}
+
+// Polynomials through weights that fall to nothing within a cell, as those of exp(−s), swing.
+TEST(LossTable, WeightsThatAreNothingBesideTheLargestMaySwingAboutZero) {
+  std::vector<double> coefficients = {1.0, 0, 0, 0, 0, 0, 0, 0};
+  coefficients.insert(coefficients.end(), {1e-20, -2.2e-20, 1.1e-20, 0, 0, 0, 0, 0});
+  const LossTable loss("falls", {0.0, 1.0, 2.0}, coefficients);
+  EXPECT_EQ(loss.derivative(2.0), 0.0);
+  coefficients[9] = -2.2e-12;
+  EXPECT_NE(refusal_of({0.0, 1.0, 2.0}, coefficients), "no error");
+}
+
+// 0.3 − 0.1 − 0.2 is less than zero, by rounding.
+TEST(LossTable, DoesNotFallBeyondItsLastKnot) {
+  const LossTable loss("falls", {0.0, 1.0}, {0.3, -0.1, -0.2, 0, 0, 0, 0, 0});
+  EXPECT_EQ(loss.derivative(1e20), 0.0);
+  EXPECT_EQ(loss.rho(1e20), loss.rho(1.0));
 }
 
 // The efficiency of an M-estimator of location, (E ψ′)² / E ψ² on standard normal numbers,

@@ -50,6 +50,16 @@ def test_a_copy_of_a_built_in_loss_has_its_values(name: str, scale: float) -> No
     np.testing.assert_allclose(found[2], expected[2], rtol=1e-9, atol=1e-9)
 
 
+def test_a_loss_may_fall_faster_than_any_power() -> None:
+    """Where a weight falls from 1e-200 to 1e-300 within a cell, its polynomial swings about zero."""
+    welsch = LossFunction(lambda s: -np.expm1(-s), lambda s: np.exp(-s), "welsch")
+    s = np.concatenate([[0.0], np.geomspace(1e-9, 1e15, 5000)])
+    rho, weight, _ = _core.loss_terms(welsch, 1.0, s)
+    np.testing.assert_allclose(rho, -np.expm1(-s), rtol=1e-11)
+    np.testing.assert_allclose(weight, np.exp(-s), rtol=1e-10, atol=1e-13)
+    assert (weight >= 0).all()
+
+
 @pytest.mark.parametrize("options", [{}, {"method": "dog-leg"}, {"line_search": "g-als"}])
 @pytest.mark.parametrize("name", COPIES)
 def test_a_copy_of_a_built_in_loss_takes_the_same_iterations(name: str, options: dict[str, Any]) -> None:

@@ -72,6 +72,18 @@ def test_points_seen_from_one_place_are_named() -> None:
     assert told in sfmcpp.solve(problem).warnings
 
 
+def test_nothing_holds_the_depths_of_points_that_are_fixed() -> None:
+    problem = scene()
+    problem.fixed_points[:] = True
+    alone = problem.with_observations(problem.camera_index == 2)
+    problem.cameras[:, :, 3] = [0.0, 1.0, 2.0]
+    for known in (alone, problem):
+        for warnings in (sfmcpp.check(known), sfmcpp.solve(known.copy()).warnings):
+            assert not any("depth" in warning for warning in warnings)
+    alone.fixed_points[3] = False
+    assert "point 3: seen by one camera only, the depth is held by damping alone" in sfmcpp.check(alone)
+
+
 def test_a_loss_of_a_group_whose_square_vanishes_is_refused() -> None:
     group = ConstraintGroup("position", [0], np.zeros((1, 3)), loss="cauchy", loss_scale=1e-320)
     with pytest.raises(InvalidArgument, match="must be positive and finite, and its square too"):

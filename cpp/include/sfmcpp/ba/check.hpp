@@ -1,6 +1,7 @@
 // Checks of a problem: rules that it must not break, and warnings about what is legal but doubtful.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <span>
 #include <string>
@@ -43,14 +44,15 @@ void check_determined(
 // Legal but worth saying, by name: cameras and points without observations, points seen once, parts
 // of the problem that share no point, and what holds them together if there are constraints. Of
 // points, each rank speaks of its own. `of_others`: per point, whether other residuals than those
-// of images are on it; empty: none.
+// of images are on it; `fixed_points` as in the problem; empty: none.
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
                                         const Rigs& rigs = {},
                                         bool constrained = false,
                                         Exchange& exchange = this_process(),
-                                        std::span<const char> of_others = {});
+                                        std::span<const char> of_others = {},
+                                        std::span<const std::uint8_t> fixed_points = {});
 
-// The same of points that all their cameras see from one place.
+// The same of points that may move and that all their cameras see from one place.
 std::vector<std::string> warnings_about_baselines(const Problem& problem,
                                                   const linear::ObservationGraph& graph,
                                                   std::span<const char> of_others = {});

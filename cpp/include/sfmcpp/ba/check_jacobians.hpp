@@ -23,9 +23,9 @@ struct JacobianCheck {
 JacobianCheck check_jacobians(const Problem& problem, int max_observations = 1000);
 
 // The largest difference between the derivatives that the function of a group gives and numeric
-// ones, relative to the largest derivative: by poses or by points, whichever is worse. Not a number
-// where the function gives one; 0 for a group without a function or members. Throws InvalidArgument
-// as ConstraintSet::check does.
+// ones, relative to the largest derivative: by poses or by points, whichever is worse, whatever the
+// weights. Not a number where the function gives one; 0 for a group without a function or members.
+// Throws InvalidArgument as ConstraintSet::check does.
 double derivative_error(const Problem& problem, const residuals::ConstraintGroup& group);
 
 }  // namespace sfmcpp::ba

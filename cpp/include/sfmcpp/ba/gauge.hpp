@@ -4,6 +4,8 @@
 #include <compare>
 #include <vector>
 
+#include <Eigen/Core>
+
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 
@@ -24,5 +26,12 @@ std::vector<PoseParameter> choose_gauge(const Problem& problem,
                                         const linear::ObservationGraph& graph,
                                         const optim::State& state,
                                         Exchange& exchange = this_process());
+
+// The similarities of the world that this holds, orthonormal columns: rotation, translation and
+// growth, in units of the scene (world_motions.hpp).
+Eigen::MatrixXd free_similarities(const Problem& problem,
+                                  const linear::ObservationGraph& graph,
+                                  const optim::State& state,
+                                  Exchange& exchange = this_process());
 
 }  // namespace sfmcpp::ba

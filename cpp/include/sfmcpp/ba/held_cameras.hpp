@@ -12,7 +12,8 @@ namespace sfmcpp::ba {
 
 // Marks the cameras without observations, not fixed, whose poses follow from active constraints
 // where all other cameras are known: cameras that constraints tie to each other are looked at
-// together, and their Jacobian must have full rank at this state. Empty if there is none.
+// together, and their Jacobian must have full rank at this state; cameras of a frame (ba/rigs.hpp)
+// are one. Empty if there is none.
 //
 // Throws InvalidArgument for a constraint between two cameras of which one would stay at its start
 // for want of observations and of constraints. A camera with constraints on it alone that do not

@@ -119,11 +119,8 @@ class LinearModel {
   void factorize();
   void require_sensors();
   void find_unseen();
-  Eigen::MatrixXd motions(Eigen::Matrix<double, 7, 7>& held) const;
-  void add_camera(const WorldMotions& world,
-                  int camera,
-                  Eigen::Matrix<double, 7, 7>& held,
-                  Eigen::MatrixXd& motions) const;
+  Eigen::MatrixXd motions() const;
+  void add_camera(const WorldMotions& world, int camera, Eigen::MatrixXd& motions) const;
   Eigen::MatrixXd assembled(const Eigen::MatrixXd& camera, const Eigen::MatrixXd& point) const;
   void require_determined(std::span<const int> columns, const Eigen::MatrixXd& covariance) const;
   const Eigen::MatrixXd& inverse();

@@ -119,7 +119,8 @@ class FreeSensors {
   const Problem& problem_;
   std::vector<char> moves_;
   std::vector<char> observed_;
-  std::vector<int> anchor_;  // of each sensor, the first of its rig that stays
+  std::vector<int> anchor_;    // of each sensor, the first of its rig that stays
+  std::vector<int> of_frame_;  // of each frame, the first of its sensors that sees something there
 };
 
 }  // namespace sfmcpp::ba

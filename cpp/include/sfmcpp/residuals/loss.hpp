@@ -51,7 +51,8 @@ class LossTable {
 
 enum class LossKind { kSquared, kHuber, kCauchy, kTukey, kGemanMcClure, kTruncated, kAuto };
 
-// Each: ρ; ρ′ = dρ/ds; d(s ρ′)/ds, with c the scale.
+// Each: ρ; ρ′ = dρ/ds; d(s ρ′)/ds, with c the scale. ρ of no number is none, also where a loss is
+// constant: its tests are written so that NaN, which passes none, comes to the formula.
 struct SquaredLoss {
   static double rho(double s, double) { return s; }
   static double derivative(double, double) { return 1.0; }
@@ -78,16 +79,16 @@ struct CauchyLoss {
 
 struct TukeyLoss {
   static double rho(double s, double c) {
-    const double rest = s < c * c ? 1.0 - s / (c * c) : 0.0;
+    const double rest = s >= c * c ? 0.0 : 1.0 - s / (c * c);
     return c * c / 3.0 * (1.0 - rest * rest * rest);
   }
   static double derivative(double s, double c) {
-    const double rest = s < c * c ? 1.0 - s / (c * c) : 0.0;
+    const double rest = s >= c * c ? 0.0 : 1.0 - s / (c * c);
     return rest * rest;
   }
   static double influence_slope(double s, double c) {
     const double share = s / (c * c);
-    return share < 1.0 ? (1.0 - share) * (1.0 - 3.0 * share) : 0.0;
+    return share >= 1.0 ? 0.0 : (1.0 - share) * (1.0 - 3.0 * share);
   }
 };
 
@@ -109,17 +110,17 @@ struct GemanMcClureLoss {
 struct TruncatedLoss {
   static double rho(double s, double c) {
     if (s <= c * c) return s;
-    return s < 2.25 * c * c ? 6.0 * c * std::sqrt(s) - 3.0 * c * c - 2.0 * s : 1.5 * c * c;
+    return s >= 2.25 * c * c ? 1.5 * c * c : 6.0 * c * std::sqrt(s) - 3.0 * c * c - 2.0 * s;
   }
   static double derivative(double s, double c) {
     const double share = s / (c * c);
     if (share <= 1.0) return 1.0;
-    return share < 2.25 ? 3.0 / std::sqrt(share) - 2.0 : 0.0;
+    return share >= 2.25 ? 0.0 : 3.0 / std::sqrt(share) - 2.0;
   }
   static double influence_slope(double s, double c) {
     const double share = s / (c * c);
     if (share <= 1.0) return 1.0;
-    return share < 2.25 ? 1.5 / std::sqrt(share) - 2.0 : 0.0;
+    return share >= 2.25 ? 0.0 : 1.5 / std::sqrt(share) - 2.0;
   }
 };
 

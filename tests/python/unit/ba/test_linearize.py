@@ -184,6 +184,19 @@ def _point_block(model: LinearModel, point: int) -> Array:
     return dense_covariance(model)[first : first + 3, first : first + 3]
 
 
+def test_a_camera_that_constraints_alone_hold_moves_with_the_world() -> None:
+    """In the free gauge: the motions that no residual sees are its motions, too."""
+    seen = problem_of("calibrated")
+    pairs = np.array([[2, 3], [3, 4]])
+    poses = np.concatenate([seen.cameras, np.tile([[[0.0, 0.0, 0.0, 1.0]]], (6, 1, 1))], axis=1)
+    steps = np.linalg.inv(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
+    odometer = ConstraintGroup("displacement-pose", pairs, steps[:, :3], weight=100.0)
+    model = sfmcpp.linearize(seen.with_observations(seen.camera_index != 3), constraints=[odometer])
+    for camera, found in enumerate(model.covariance(cameras="all").cameras):
+        columns = model.camera_columns[camera]
+        assert_same_covariance(found, dense_covariance(model)[np.ix_(columns, columns)])
+
+
 @pytest.mark.parametrize("loss", ["squared", "huber", "cauchy"])
 @pytest.mark.parametrize("camera_model", METRIC)
 def test_leverages_hats_and_determinant_are_those_of_the_dense_normal_matrix(

@@ -199,6 +199,38 @@ def test_camera_without_observations_moves_with_its_frame() -> None:
     assert (problem.cameras[[0, 4]] != before[[0, 4]]).any(axis=(1, 2)).all()
 
 
+def test_a_frame_without_images_is_held_by_constraints_on_any_of_its_cameras() -> None:
+    truth = scene()
+    problem = started(truth)
+    first, second, _ = np.flatnonzero(rigs_of(truth).frame_of_camera == 3)
+    before = int(np.flatnonzero(rigs_of(truth).frame_of_camera == 2)[0])
+    unseen = problem.with_observations(rigs_of(problem).frame_of_camera[problem.camera_index] != 3)
+    orientation = ConstraintGroup("orientation", [first], truth.rotations[[first]], weight=1e6)
+    position = ConstraintGroup("position", [second], truth.centres[[second]], weight=1e6)
+    pose = ConstraintGroup("pose", [first], truth.cameras[[first]], weight=1e6)
+    way = truth.centres[[second]] - truth.centres[[before]]
+    step = ConstraintGroup("displacement-translation", [[before, second]], way, weight=1e6)
+    for groups in ([orientation, position], [pose, step]):
+        moved = unseen.copy()
+        summary = sfmcpp.solve(moved, constraints=groups)
+        assert not any("left as given" in warning for warning in summary.warnings)
+        assert is_rigid(moved)
+        start, end = np.array(list(summary.constraint_costs.values())).T
+        assert (end < 1e-4 * start).all()
+
+
+def test_what_cameras_of_one_frame_are_to_each_other_does_not_hold_it() -> None:
+    problem = started(scene())
+    first, second, third = np.flatnonzero(rigs_of(problem).frame_of_camera == 3)
+    unseen = problem.with_observations(rigs_of(problem).frame_of_camera[problem.camera_index] != 3)
+    poses = np.concatenate([problem.cameras, np.tile([[[0, 0, 0, 1.0]]], (24, 1, 1))], axis=1)
+    pairs = np.array([[first, second], [second, third], [first, third]])
+    steps = (np.linalg.inv(poses[pairs[:, 0]]) @ poses[pairs[:, 1]])[:, :3]
+    inside = ConstraintGroup("displacement-pose", pairs, steps)
+    with pytest.raises(InvalidArgument, match="has no observations, and constraints do not determine"):
+        sfmcpp.solve(unseen, constraints=[inside])
+
+
 def test_constraint_between_cameras_of_one_frame_meets_itself() -> None:
     # A displacement within a frame and one between two; the first has the columns of both cameras.
     truth = scene()
@@ -238,10 +270,16 @@ def test_covariance_of_a_camera_is_that_of_its_frame_moved_to_it() -> None:
     np.testing.assert_allclose(found.joint, joint, rtol=1e-6, atol=1e-12)
 
 
-def test_free_covariance_is_the_pseudo_inverse() -> None:
-    problem = started(scene(num_cameras=9, num_points=60, length_m=1.0))
+@pytest.mark.parametrize("case", ["bare", "distance within a frame", "sensor without images"])
+def test_free_covariance_is_the_pseudo_inverse(case: str) -> None:
+    problem, groups = started(scene(num_cameras=9, num_points=60, length_m=1.0)), []
+    if case == "distance within a frame":  # that of the rig: its derivative is rounding
+        problem = seen_from_two_frames(started(scene(num_cameras=9, num_points=120, length_m=6.0)))
+        groups = [ConstraintGroup("scale", [[3, 4]], [0.5], weight=100.0)]
+    if case == "sensor without images":  # the first of its frames
+        problem = seen_from_two_frames(problem.with_observations(problem.camera_index % 3 != 0))
     sfmcpp.solve(problem)
-    model = sfmcpp.linearize(problem)
+    model = sfmcpp.linearize(problem, constraints=groups)
     found = model.covariance(cameras=[4]).cameras[0]
     inverse = np.linalg.pinv(model.normal_matrix().toarray(), rcond=1e-11, hermitian=True)
     motion = rigs_of(problem).motions(problem.cameras)[4]
