@@ -42,10 +42,6 @@ std::string describe(const SolverForecast& forecast) {
          in_words(forecast.bytes / 1e6, "MB");
 }
 
-double reference_seconds(const SolverForecast& forecast) {
-  return forecast.seconds_to_compare(reference_rates());
-}
-
 [[noreturn]] void refuse(const LinearSolverOptions& options,
                          double held,
                          const SolverForecast& asked,
@@ -175,6 +171,10 @@ class Chooser {
 };
 
 }  // namespace
+
+double reference_seconds(const SolverForecast& forecast) {
+  return forecast.seconds_to_compare(reference_rates());
+}
 
 SolverQuestion question_of(const NormalEquations& normal) {
   return {.graph = normal.graph(),
