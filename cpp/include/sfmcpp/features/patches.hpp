@@ -49,9 +49,6 @@ class PatchAligner {
   // Of what is compared.
   explicit PatchAligner(int radius);
 
-  int radius() const { return radius_; }
-  int template_side() const { return patch_side(radius_ + 1); }
-
   // `place` is where to start. Not for several threads at once.
   Alignment align(Pyramid pyramid, const float* templ, const PatchPlace& place);
 
