@@ -9,8 +9,8 @@
 
 namespace sfmcpp::features {
 
-// Grey levels by rows. Pixel (i, j) of level l of a pyramid has its centre at (i + ½, j + ½) in the
-// pixels of level 0 if l is 0, and else at (2ˡ i + ½, 2ˡ j + ½).
+// Grey levels by rows. Pixel (i, j) of level l of a pyramid has its centre at (2ˡ i + ½, 2ˡ j + ½)
+// in the pixels of level 0.
 struct GreyLevel {
   const float* pixels;
   int width, height;
