@@ -1,4 +1,4 @@
-// The cost model without any clock.
+// The cost model; only the measurement of this machine has a clock.
 #include "sfmcpp/linear/solver_costs.hpp"
 
 #include <chrono>
