@@ -17,7 +17,8 @@ template <class E>
   throw InvalidArgument(option + " with " + enum_setting(other) + ": " + reason);
 }
 
-void refuse_acceleration(const optim::MinimizerOptions& minimizer) {
+void refuse_acceleration(const SolveOptions& options) {
+  const optim::MinimizerOptions& minimizer = options.minimizer;
   const optim::Acceleration kind = minimizer.acceleration;
   if (kind == optim::Acceleration::kNone || kind == optim::Acceleration::kAuto) return;
   const std::string option = enum_setting(kind);
@@ -25,6 +26,11 @@ void refuse_acceleration(const optim::MinimizerOptions& minimizer) {
     refuse(option, minimizer.method, "its step does not solve a damped system");
   if (minimizer.line_search.kind != optim::LineSearchKind::kNone)
     refuse(option, minimizer.line_search.kind, "a step is bent or searched along, not both");
+  if (kind == optim::Acceleration::kGeodesic &&
+      options.linear_solver.kind == linear::LinearSolverKind::kIterative)
+    refuse(option,
+           options.linear_solver.kind,
+           "it keeps no factors to solve for the cameras again; choose 'points'");
 }
 
 void refuse_point_steps(const optim::MinimizerOptions& minimizer) {
@@ -64,7 +70,7 @@ void refuse_what_does_not_combine(const SolveOptions& options) {
     refuse("initial_damping", method, "it has no damping");
   if (minimizer.initial_radius && !facts_of(method).has_radius)
     refuse("initial_radius", method, "only 'dog-leg' has a radius");
-  refuse_acceleration(minimizer);
+  refuse_acceleration(options);
   refuse_point_steps(minimizer);
   refuse_intrinsic_steps(minimizer);
   refuse_backtracking_test(search);

@@ -14,7 +14,7 @@ namespace sfmcpp {
 namespace {
 
 // As much as the solves of some hundred thousand observations need, and as allocators keep too.
-// Sanitizers are to see every array, its end and its death.
+// Sanitizers are to see where every array ends and when it is freed.
 #if defined(__linux__) && !defined(__SANITIZE_ADDRESS__)
 constexpr std::size_t kKeptBytes = std::size_t{64} << 20;
 #else

@@ -53,10 +53,6 @@ class ChangingSolver final : public LinearSolver {
   bool wants_camera_modes() const override { return solver_->wants_camera_modes(); }
 
  private:
-  static double seconds(const SolverForecast& forecast) {
-    return forecast.seconds_to_compare(reference_rates());
-  }
-
   void make() {
     LinearSolverOptions options = options_;
     if (choice_.kind == LinearSolverKind::kIterative) {
@@ -73,7 +69,8 @@ class ChangingSolver final : public LinearSolver {
     const SolverForecast sparse = forecast_sparse(choice_.counts);
     const bool sparse_fits =
         choice_.counts.columns > kAlwaysDense && sparse.bytes < choice_.budget_bytes;
-    return sparse_fits && (dense.bytes > choice_.budget_bytes || seconds(sparse) < seconds(dense))
+    return sparse_fits && (dense.bytes > choice_.budget_bytes ||
+                           reference_seconds(sparse) < reference_seconds(dense))
                ? sparse
                : dense;
   }
@@ -84,9 +81,10 @@ class ChangingSolver final : public LinearSolver {
     SolverForecast one = forecast_iterative(choice_.counts, choice_.with_blocks), none = one;
     one.iterations = 1.0;
     none.iterations = 0.0;
-    const double iteration = seconds(one) - seconds(none);
-    return std::max<double>(kLeastIterations,
-                            std::ceil((kPatience * seconds(direct) - seconds(none)) / iteration));
+    const double iteration = reference_seconds(one) - reference_seconds(none);
+    return std::max<double>(
+        kLeastIterations,
+        std::ceil((kPatience * reference_seconds(direct) - reference_seconds(none)) / iteration));
   }
 
   bool is_worthwhile(int iterations) const {
@@ -94,7 +92,7 @@ class ChangingSolver final : public LinearSolver {
     iterative.iterations = iterations;
     const SolverForecast direct = best_direct();
     return direct.bytes < choice_.budget_bytes &&
-           seconds(direct) < kWorthwhile * seconds(iterative);
+           reference_seconds(direct) < kWorthwhile * reference_seconds(iterative);
   }
 
   void learn(int iterations) {

@@ -56,8 +56,6 @@ class BlockSparseSchur final : public SchurOperator {
   bool is_rounded() const override { return true; }
   std::vector<char> touched_cameras() const override { return touched_; }
 
-  const CameraPattern& pattern() const { return pattern_; }
-  const BlockProductKernels& kernels() const { return kernels_; }
   // In panel layout; without B and λD.
   const double* diagonal_block(int i) const { return diagonal_ + area() * i; }
   // The blocks (i, j), j > i, of row i as the kernels want them, divided by the powers of two of

@@ -42,10 +42,6 @@ std::string describe(const SolverForecast& forecast) {
          in_words(forecast.bytes / 1e6, "MB");
 }
 
-double reference_seconds(const SolverForecast& forecast) {
-  return forecast.seconds_to_compare(reference_rates());
-}
-
 [[noreturn]] void refuse(const LinearSolverOptions& options,
                          double held,
                          const SolverForecast& asked,
@@ -93,16 +89,16 @@ class Chooser {
   }
 
   LinearSolverChoice as_requested() {
-    consider(forecast_iterative(choice_.counts, false));
-    if (options_.kind == LinearSolverKind::kIterative) consider_blocks();
+    if (options_.kind == LinearSolverKind::kIterative) {
+      consider(forecast_iterative(choice_.counts, false));
+      consider_blocks();
+    }
     if (options_.kind == LinearSolverKind::kDense) consider(forecast_dense(choice_.counts));
     if (options_.kind == LinearSolverKind::kSparse) {
       analyse_structure(question_, choice_);
       consider(forecast_sparse(choice_.counts));
     }
-    const SolverForecast leanest = choice_.forecasts.front();
-    if (options_.kind != leanest.kind) choice_.forecasts.erase(choice_.forecasts.begin());
-    take_cheapest(leanest);
+    take_cheapest();
     choice_.reason = "as requested";
     return std::move(choice_);
   }
@@ -133,31 +129,38 @@ class Chooser {
     consider(forecast_sparse(choice_.counts));
   }
 
-  // Of those that fit; the first, which is the leanest, if none does.
+  // Of those that fit; the leanest if none does.
   const SolverForecast& cheapest() const {
-    const SolverForecast* best = &choice_.forecasts.front();
-    for (const SolverForecast& candidate : choice_.forecasts) {
-      if (candidate.bytes < choice_.budget_bytes &&
-          reference_seconds(candidate) < reference_seconds(*best))
-        best = &candidate;
-    }
-    return *best;
+    const auto fits = [&](const SolverForecast& f) { return f.bytes < choice_.budget_bytes; };
+    const auto is_better = [&](const SolverForecast& a, const SolverForecast& b) {
+      if (fits(a) != fits(b)) return fits(a);
+      return fits(a) ? reference_seconds(a) < reference_seconds(b) : a.bytes < b.bytes;
+    };
+    return *std::ranges::min_element(choice_.forecasts, is_better);
   }
 
-  void take_cheapest(const SolverForecast& leanest) {
+  // Of those considered, and those that need no analysis.
+  SolverForecast leanest() const {
+    std::vector<SolverForecast> known = choice_.forecasts;
+    known.push_back(forecast_iterative(choice_.counts, false));
+    known.push_back(forecast_dense(choice_.counts));
+    return *std::ranges::min_element(known, {}, &SolverForecast::bytes);
+  }
+
+  void take_cheapest() {
     const SolverForecast& best = cheapest();
     if (options_.max_memory_bytes && best.bytes > choice_.budget_bytes)
-      refuse(options_, held_, best, leanest);
+      refuse(options_, held_, best, leanest());
     choice_.kind = best.kind;
     choice_.with_blocks = best.with_blocks;
   }
 
   LinearSolverChoice choose_cheapest() {
-    const SolverForecast& leanest = choice_.forecasts.front();
-    take_cheapest(leanest);
+    take_cheapest();
     choice_.reason = "predicted for a step: ";
     for (const SolverForecast& candidate : choice_.forecasts)
-      choice_.reason += (&candidate == &leanest ? "" : ", ") + describe(candidate);
+      choice_.reason +=
+          (&candidate == &choice_.forecasts.front() ? "" : ", ") + describe(candidate);
     return std::move(choice_);
   }
 
@@ -168,6 +171,10 @@ class Chooser {
 };
 
 }  // namespace
+
+double reference_seconds(const SolverForecast& forecast) {
+  return forecast.seconds_to_compare(reference_rates());
+}
 
 SolverQuestion question_of(const NormalEquations& normal) {
   return {.graph = normal.graph(),

@@ -8,6 +8,9 @@ namespace sfmcpp::linear {
 // Of no more columns the whole matrix costs less than analysing it.
 inline constexpr double kAlwaysDense = 300;
 
+// What forecasts are compared by: the same on every machine.
+double reference_seconds(const SolverForecast& forecast);
+
 // For normal equations that exist: no further memory is to be counted.
 SolverQuestion question_of(const NormalEquations& normal);
 // What is known without an analysis.

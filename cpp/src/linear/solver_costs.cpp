@@ -255,9 +255,9 @@ Speed speed_of_this_machine(ThreadPool& pool) {
   static std::mutex mutex;
   static std::map<int, Speed> known;
   const std::scoped_lock lock(mutex);
-  const auto [entry, is_new] = known.try_emplace(pool.num_threads());
-  if (is_new) entry->second = measured(pool);
-  return entry->second;
+  const auto found = known.find(pool.num_threads());
+  if (found != known.end()) return found->second;
+  return known.emplace(pool.num_threads(), measured(pool)).first->second;
 }
 
 }  // namespace

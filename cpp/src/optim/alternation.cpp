@@ -7,8 +7,8 @@
 namespace sfmcpp::optim {
 namespace {
 
-// The quadratic model falls with every sweep (linear/block_diagonal.hpp). What it falls by is that
-// of the undamped model: no step solves the damped system.
+// The decrease of a sweep (linear/block_diagonal.hpp) is that of the undamped model: no step solves
+// the damped system.
 class Alternation final : public StepStrategy {
  public:
   explicit Alternation(const MinimizerOptions& options)

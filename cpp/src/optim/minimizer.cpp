@@ -132,8 +132,10 @@ class Minimizer {
     const auto& past = summary_.iterations;
     const bool was_long = std::ranges::any_of(past, [&](auto& i) { return i.step_norm > length; });
     // Steps that damping makes short from the start on are tried: after a success they are longer.
-    if (now_.step_norm <= length && (was_long || is_flat() || !past.back().accepted))
+    if (now_.step_norm <= length && (was_long || is_flat() || !past.back().accepted)) {
+      now_.accepted = false;  // where the run goes on with another stage
       finish_negligible();
+    }
   }
 
   void solve_for_step(int number) {

@@ -134,6 +134,20 @@ TEST(SolveOptions, AStepIsBentOrSearchedAlong) {
   EXPECT_EQ(refusal(options), "legal");
 }
 
+TEST(SolveOptions, OnlyADirectSolverBendsThePathsOfCameras) {
+  SolveOptions options;
+  options.minimizer.acceleration = optim::Acceleration::kGeodesic;
+  options.linear_solver.kind = linear::LinearSolverKind::kIterative;
+  EXPECT_EQ(refusal(options),
+            "acceleration = 'geodesic' with linear_solver = 'iterative': it keeps no factors to "
+            "solve for the cameras again; choose 'points'");
+  options.linear_solver.kind = linear::LinearSolverKind::kSparse;
+  EXPECT_EQ(refusal(options), "legal");
+  options.minimizer.acceleration = optim::Acceleration::kPoints;
+  options.linear_solver.kind = linear::LinearSolverKind::kIterative;
+  EXPECT_EQ(refusal(options), "legal");
+}
+
 TEST(SolveOptions, ATableAndAKindOfLossAreRefused) {
   SolveOptions options;
   options.loss = LossKind::kHuber;

@@ -148,6 +148,37 @@ TEST(SolverChoice, ASolverAskedForByNameThatNeedsMoreIsRefusedAndTheLeanestNamed
             "");
 }
 
+// Few cameras see many points: the dense matrix takes less memory than what conjugate gradients
+// keep of the points, and more time.
+const Structure& few_cameras_and_many_points() {
+  static const Structure scene({.cameras = 20, .points = 16000, .camera_size = 18});
+  return scene;
+}
+
+TEST(SolverChoice, AMemoryLimitIsObeyedByASolverThatTakesMoreTime) {
+  const Structure& scene = few_cameras_and_many_points();
+  const LinearSolverChoice choice = scene.choose();
+  ASSERT_EQ(choice.kind, LinearSolverKind::kIterative);
+  ASSERT_LT(forecast_of(choice, LinearSolverKind::kDense).bytes, 1.1e6);
+  ASSERT_GT(forecast_of(choice, LinearSolverKind::kIterative).bytes, 1.2e6);
+  EXPECT_EQ(scene.choose({.max_memory_bytes = 1.1e6}).kind, LinearSolverKind::kDense);
+}
+
+TEST(SolverChoice, TheLeanestSolverMayBeTheDenseOne) {
+  const Structure& scene = few_cameras_and_many_points();
+  const std::string of_all = refusal_of(scene, {.max_memory_bytes = 1e5}, 0.0);
+  EXPECT_NE(of_all.find(": the leanest, 'dense', would need 1.1 MB"), std::string::npos) << of_all;
+  const std::string of_dense =
+      refusal_of(scene, {.kind = LinearSolverKind::kDense, .max_memory_bytes = 1e5}, 0.0);
+  EXPECT_EQ(of_dense, of_all);
+  const std::string of_iterative =
+      refusal_of(scene, {.kind = LinearSolverKind::kIterative, .max_memory_bytes = 1e5}, 0.0);
+  EXPECT_NE(
+      of_iterative.find("'iterative' would need 1.3 MB, and the leanest, 'dense', would need"),
+      std::string::npos)
+      << of_iterative;
+}
+
 TEST(SolverChoice, ARequestIsKept) {
   const Structure few(corridor(10));
   for (LinearSolverKind kind :

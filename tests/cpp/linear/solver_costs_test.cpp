@@ -1,8 +1,12 @@
-// The cost model without any clock.
+// The cost model; only the measurement of this machine has a clock.
 #include "sfmcpp/linear/solver_costs.hpp"
+
+#include <chrono>
+#include <thread>
 
 #include <gtest/gtest.h>
 
+#include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/reduced_structure.hpp"
 #include "support/random_system.hpp"
 
@@ -56,6 +60,16 @@ TEST(SolverCosts, ProductsWithBlocksReadTheBlocksInsteadOfTheJacobian) {
 
 TEST(SolverCosts, EveryKindOfWorkHasARate) {
   for (double seconds : reference_rates()) EXPECT_GT(seconds, 0.0);
+}
+
+TEST(SolverCosts, AMeasurementThatWasStoppedIsMadeAgain) {
+  ThreadPool pool(7);  // of so many threads there is no other
+  {
+    const StopWatcher watcher(pool, [] { return true; });
+    std::this_thread::sleep_for(std::chrono::milliseconds(250));
+    EXPECT_THROW(rates_of_this_machine(pool), Stopped);
+  }
+  EXPECT_NE(rates_of_this_machine(pool), reference_rates());
 }
 
 class Bound : public testing::TestWithParam<support::SystemOptions> {};

@@ -170,3 +170,13 @@ def test_a_run_taken_up_on_a_detour_ends_with_the_same_bits(tmp_path: Path) -> N
         sfmcpp.solve(problem, loss="auto", max_iterations=300, resume=folder)
         np.testing.assert_array_equal(problem.points, whole.points)
         np.testing.assert_array_equal(problem.cameras, whole.cameras)
+
+
+def test_a_step_that_was_too_short_to_be_tried_is_not_told_as_accepted() -> None:
+    problem, _ = half_wrong(3)
+    summary = sfmcpp.solve(
+        problem, loss="auto", max_iterations=100, parameter_tolerance=1e-9, function_tolerance=0
+    )
+    untried = [step for step in summary.iterations[1:] if step.cost_evaluations == 0]
+    assert untried
+    assert not any(step.accepted for step in untried)

@@ -9,8 +9,8 @@
 
 namespace sfmcpp::features {
 
-// Grey levels by rows. Pixel (i, j) of level l of a pyramid has its centre at (i + ½, j + ½) in the
-// pixels of level 0 if l is 0, and else at (2ˡ i + ½, 2ˡ j + ½).
+// Grey levels by rows. Pixel (i, j) of level l of a pyramid has its centre at (2ˡ i + ½, 2ˡ j + ½)
+// in the pixels of level 0.
 struct GreyLevel {
   const float* pixels;
   int width, height;
@@ -48,9 +48,6 @@ class PatchAligner {
  public:
   // Of what is compared.
   explicit PatchAligner(int radius);
-
-  int radius() const { return radius_; }
-  int template_side() const { return patch_side(radius_ + 1); }
 
   // `place` is where to start. Not for several threads at once.
   Alignment align(Pyramid pyramid, const float* templ, const PatchPlace& place);

@@ -72,9 +72,10 @@ class CameraBlockDiagonal {
 // methods and alternation need of the normal equations.
 //
 // Shared intrinsics are blocks of their own and their terms with the poses are left out, and so are
-// the terms between two poses. The step of the block diagonal still lowers the quadratic model,
-// because no residual sees more than two blocks of cameras, x and y:
-// 2 ‖Jx x‖² + 2 ‖Jy y‖² ≥ ‖Jx x + Jy y‖², hence 2 blockdiag(U) − U is not indefinite.
+// the terms between two poses. The step of the block diagonal still lowers the quadratic model
+// where no residual sees more than two blocks of cameras, x and y:
+// 2 ‖Jx x‖² + 2 ‖Jy y‖² ≥ ‖Jx x + Jy y‖², hence 2 blockdiag(U) − U is not indefinite. With free
+// sensors of rigs residuals see three (frame, sensor, intrinsics): there it may take some damping.
 class BlockJacobi {
  public:
   // The normal equations must outlive this object.

@@ -55,8 +55,8 @@ struct PointBlock {
 };
 
 // Directions of the cameras along which the cost is expected to change slowly when all cameras of a
-// neighbourhood go along: the near-null space of S, for preconditioners. The room that knows
-// what a camera is fills them in (ba/world_motions.hpp); count = 0: there are none.
+// neighbourhood go along: the near-null space of S, for preconditioners. They are filled in by
+// ba/world_motions.hpp, which knows what a camera is; count = 0: there are none.
 struct CameraModes {
   int count = 0;
   std::vector<double> values;  // per camera: D × count, row-major

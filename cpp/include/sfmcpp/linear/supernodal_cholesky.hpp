@@ -29,7 +29,6 @@ class UpdateTriangle {
   explicit UpdateTriangle(int size);
 
   std::int64_t num_entries() const { return num_entries_; }
-  int padded_size() const { return padded_; }
   // Where row 0 of a column would be: row r is `r` further. Rows above the strip of the diagonal
   // are not stored.
   std::int64_t column(int c) const {

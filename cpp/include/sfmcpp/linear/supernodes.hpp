@@ -53,7 +53,6 @@ struct Supernodes {
 
   int count() const { return static_cast<int>(parent.size()); }
   double num_bytes() const;  // of the factor and of what is gathered on the way to it
-  int num_columns() const { return first_column.back(); }
   int columns_begin(int s) const { return first_column[begin[s]]; }
   std::span<const int> rows_of(int s) const {
     return {rows.data() + rows_begin[s], rows.data() + rows_begin[s + 1]};
