@@ -142,6 +142,13 @@ def test_no_more_than_wanted_are_kept_and_all_parts_of_the_photo_have_some(kind:
 
 
 @pytest.mark.parametrize("kind", FEATURE_KINDS)
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_very_few_features_can_be_asked_for(kind: str, count: int) -> None:
+    picture = texture(200, 300, seed=3)
+    assert len(detect_in(picture, settings=FeatureSettings(kind, max_features=count))) == count
+
+
+@pytest.mark.parametrize("kind", FEATURE_KINDS)
 def test_a_photo_without_texture_has_no_features(kind: str) -> None:
     found = detect_in(np.full((70, 90, 3), 128, np.uint8), settings=FeatureSettings(kind))
     shapes = [getattr(found, name).shape for name in COLUMNS]
