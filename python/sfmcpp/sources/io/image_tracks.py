@@ -26,8 +26,8 @@ from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_te
 from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
 from sfmcpp.sources.io.number_text import NumberText, TokenSet
 
-# Formats whose pixels are counted from the centre of the image.
-_CENTRED = ("bal", "bundler")
+# Formats whose pixels are counted from the centre of the image, whatever camera model a problem of theirs has now.
+_CENTRED = ("bal", "bundler", "nvm")
 _ARRAYS = ("camera_index", "point_index", "pixels")
 _TABLE_SUFFIXES = (".txt", ".csv", ".tsv", ".tracks")
 NOT_SEEN = -1.0
@@ -101,7 +101,7 @@ def _read_problem(path: Path) -> ImageTracks:
 def _tracks_of_problem(path: Path, problem: Problem) -> ImageTracks:
     metadata = problem.metadata
     names = metadata.image_names or [f"image_{number:06d}" for number in range(problem.num_cameras)]
-    centred = metadata.source_format in _CENTRED
+    centred = problem.camera_model == "bal" or metadata.source_format in _CENTRED
     sizes = metadata.image_sizes
     return _numbered_tracks(
         path, problem.camera_index, problem.point_index, problem.pixels, names, sizes, centred
