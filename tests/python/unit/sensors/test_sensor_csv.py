@@ -207,6 +207,12 @@ def test_names_of_ros_are_columns(tmp_path: Path) -> None:
         ({"wx [rad/s]": 0}, "lacks the column wy, wz of angular_rate"),
         ({"t [s]": "Zeit", "speed [km/h]": np.nan}, "holds no column nan"),
         ({"ax [m/s^2]": "Wheel"}, "accelerations are not used"),
+        ({"t [s]": 0}, "sensor_columns: 't .s.' = 0: must be a column, as times differ"),
+        ({"t [s]": "Zeit", "speed [m/s]": None}, "'speed .m/s.' = None: must be a name or a number"),
+        (
+            {"t [s]": "Zeit", "speed [m/s]": "Wheel", "speed [km/h]": "t"},
+            "'speed .m/s.' and 'speed .km/h.' are one column",
+        ),
     ],
 )
 def test_own_names_that_cannot_be_are_refused(
