@@ -232,6 +232,12 @@ def test_the_list_of_opendronemap_is_read(tmp_path: Path) -> None:
     assert metric.sigmas is None
 
 
+def test_lines_of_a_geo_txt_that_begin_with_a_hash_are_comments(tmp_path: Path) -> None:
+    path = tmp_path / "geo.txt"
+    path.write_text("EPSG:32615\n# name x y z\n#left_out.jpg 1 2 3\na.jpg 500 600 20\n")
+    assert read_position_csv(path).positions == {"a.jpg": (500.0, 600.0, 20.0)}
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
