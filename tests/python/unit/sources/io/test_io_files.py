@@ -203,6 +203,23 @@ def test_format_can_be_named_where_the_name_does_not_tell(tmp_path: Path, proble
         read(tmp_path / "data", format="xml")
 
 
+@pytest.mark.parametrize("suffix", COMPRESS)
+def test_what_is_written_under_the_name_of_a_compressed_file_is_one(
+    tmp_path: Path, problem: Problem, suffix: str
+) -> None:
+    for chosen in formats():
+        target = tmp_path / f"{chosen.name}{suffix}"
+        if chosen.writer is None or not chosen.suffixes:
+            continue
+        if chosen.name == "bal":
+            write(problem, target, format=chosen.name)
+            assert_same_problem(read(target, format=chosen.name), problem)
+        else:
+            with pytest.raises(DatasetError, match=f"format {chosen.name} is not written compressed"):
+                write(problem, target, format=chosen.name)
+            assert not target.exists()
+
+
 def test_bal_is_recognised_under_a_name_like_sbas(tmp_path: Path) -> None:
     (tmp_path / "webcams.txt").write_bytes(CONTENT)
     assert read(tmp_path / "webcams.txt").metadata.source_format == "bal"
