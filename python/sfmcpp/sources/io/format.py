@@ -81,7 +81,7 @@ class Format:
 
     @property
     def compresses(self) -> bool:
-        """Whether what is written is compressed where a name asks for it; the names of folders ask for nothing."""
+        """Whether files are compressed where their name asks for it; names of folders ask for nothing."""
         return not self.suffixes or any(suffix.endswith(COMPRESSED_SUFFIXES) for suffix in self.suffixes)
 
     def claims(self, path: Path) -> bool:

@@ -26,7 +26,7 @@ from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_te
 from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
 from sfmcpp.sources.io.number_text import NumberText, TokenSet
 
-# Formats whose pixels are counted from the centre of the image, whatever camera model a problem of theirs has now.
+# Formats whose pixels are counted from the centre of the image, whatever camera model a problem has now.
 _CENTRED = ("bal", "bundler", "nvm")
 _ARRAYS = ("camera_index", "point_index", "pixels")
 _TABLE_SUFFIXES = (".txt", ".csv", ".tsv", ".tracks")
