@@ -20,9 +20,6 @@ from sfmcpp.model.checks import require_count, require_fraction, require_positiv
 
 # Fewer samples than this save no time worth having.
 _MIN_ITERATIONS = 50
-# Largest coordinates with which PoseLib's steps, damped alike in every direction, end at the minimum: from far
-# smaller or larger ones, as in millimetres or of a map grid, they stop short of it.
-_USUAL_SIZES = (1e-4, 1e4)
 
 
 @dataclass(frozen=True)
@@ -129,28 +126,14 @@ def absolute_camera(
     points: FloatArray, pixels: FloatArray, intrinsics: FloatArray, options: RansacOptions
 ) -> FloatArray:
     """``[R | c]`` (3, 4) of the camera that sees world `points` at `pixels`, by three points and RANSAC."""
-    origin, length = working_frame(points)
     pose, _ = _load().estimate_absolute_pose(
         _ideal_pixels(pixels, intrinsics),
-        (points - origin) / length,
+        points,
         _ideal_camera(intrinsics),
         _ransac("max_reproj_error", options),
         _refinement(options),
     )
-    camera = _world_from_camera(pose)
-    return np.column_stack([camera[:, :3], origin + length * camera[:, 3]])
-
-
-def working_frame(points: FloatArray) -> tuple[FloatArray, float]:
-    """Origin (3,) and unit of length in which coordinates of `points` (N, 3) are neither tiny nor huge.
-
-    The world's own where they are neither there.
-    """
-    smallest, largest = _USUAL_SIZES
-    if smallest <= np.abs(points).max() <= largest:
-        return np.zeros(3), 1.0
-    origin = points.mean(axis=0)
-    return origin, float(np.abs(points - origin).max())
+    return _world_from_camera(pose)
 
 
 def cameras_of_four_points(points: FloatArray, images: FloatArray) -> list[tuple[FloatArray, float]]:

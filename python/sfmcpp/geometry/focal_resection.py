@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.geometry import so3
-from sfmcpp.geometry._poselib import (
-    RansacOptions,
-    absolute_camera,
-    cameras_of_four_points,
-    working_frame,
-)
+from sfmcpp.geometry._poselib import RansacOptions, absolute_camera, cameras_of_four_points
 from sfmcpp.geometry._significance import samples_needed
 from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_normalised
 from sfmcpp.geometry.pose_estimate import PoseEstimate, too_few, unknown_camera
@@ -140,8 +135,7 @@ def resection_with_focal(
     guess = mean_focal_px(row)
     # The world may be far from its origin: four points far from it leave few digits.
     origin = world.mean(axis=0)
-    _, length = working_frame(world - origin)
-    view = _View((world - origin) / length, guess * to_normalised(seen, row))
+    view = _View(world - origin, guess * to_normalised(seen, row))
     camera, focal = _search(view, guess, options)
     inliers = np.asarray(view.errors_px(camera, focal) <= threshold_px)
     least = max(min_inliers, math.ceil(min_inlier_ratio * len(world)))
@@ -153,7 +147,7 @@ def resection_with_focal(
         return _failed(len(world), "open focal length", reason)
     # The guess is the mean of both focal lengths; the one along u is to it as before.
     focal *= row[0] / guess
-    camera = np.column_stack([camera[:, :3], origin + length * camera[:, 3]])
+    camera = np.column_stack([camera[:, :3], camera[:, 3] + origin])
     return FocalPoseEstimate(camera, inliers, "", "", focal, sigma * focal)
 
 
