@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -173,9 +174,20 @@ def test_focal_lengths_that_no_reader_takes_are_not_written(tmp_path: Path, targ
         write(problem, tmp_path / target)
 
 
-def test_what_visualsfm_cannot_name_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("two\nlines", r"must not be empty, .* hold a line break"),
+        (" space before", "must not be empty, start or end with white space"),
+        ("", "must not be empty"),
+        ("#1.jpg", "must not begin with #, as comments do"),
+    ],
+)
+def test_what_visualsfm_cannot_name_is_refused_and_nothing_is_left(
+    tmp_path: Path, name: str, reason: str
+) -> None:
     problem = problem_of(tmp_path, "model.nvm")
-    problem.metadata.image_names = ["one", "two\nlines", "three"]
-    with pytest.raises(sfmcpp.DatasetError, match=r"image name 'two\\nlines': must be one line"):
+    problem.metadata.image_names = ["one", name, "three"]
+    with pytest.raises(sfmcpp.DatasetError, match=f"image name {re.escape(repr(name))} {reason}"):
         write(problem, tmp_path / "written.nvm")
     assert not (tmp_path / "written.nvm").exists()
