@@ -115,8 +115,7 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
 def without_copies(folder: PhotoFolder) -> PhotoFolder:
     """The folder with one of all photos that have the same bytes, and the same mask.
 
-    A copy tells nothing new, and would count as a second witness. The shortest name
-    stays, of several the first.
+    A copy tells nothing new, and would count twice. The shortest name stays, of several the first.
 
     Parameters
     ----------
