@@ -157,6 +157,12 @@ def test_of_a_box_one_sees_the_sides_that_face_the_eye() -> None:
     assert len(seen) == 200
 
 
+def test_a_drive_whose_camera_sees_nothing_has_no_tracks() -> None:
+    drive = vehicle_drive(60.0, max_depth_m=0.01, frame_hz=5.0)
+    assert drive.num_tracks == len(drive.frame_index) == len(drive.track_index) == len(drive.pixels) == 0
+    assert len(drive.truth) == len(drive.t_s) > 50
+
+
 @pytest.mark.parametrize(
     ("make", "options"),
     [
