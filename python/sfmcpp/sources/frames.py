@@ -112,8 +112,8 @@ class TrackSequence(FrameSource):
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite, an index is out of range, the stamps do not increase, or
-        a frame sees a track twice.
+        If there is no frame, a shape is wrong, a number is not finite, an index is out of range, the stamps do
+        not increase, or a frame sees a track twice.
     """
 
     def __init__(
@@ -127,6 +127,8 @@ class TrackSequence(FrameSource):
         baseline_m: float | None = None,
     ) -> None:
         self.t_s = finite_array("t_s", t_s, (-1,))
+        if not len(self.t_s):
+            raise InvalidArgument("t_s: there is no frame, must be at least one")
         require_increasing("t_s", self.t_s)
         given = finite_array("intrinsics", intrinsics, (ANY,))
         width = _DISTORTED if len(given) == _DISTORTED else PINHOLE
