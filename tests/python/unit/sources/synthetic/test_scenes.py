@@ -85,7 +85,7 @@ def test_distortion_moves_the_pixels_by_its_polynomial(name: str) -> None:
 @pytest.mark.parametrize("seed", [None, -1, 1.5, "a"])
 @pytest.mark.parametrize("name", SCENES)
 def test_what_seeds_nothing_is_refused(name: str, seed: object) -> None:
-    with pytest.raises(InvalidArgument, match="seed = .*: must be an integer"):
+    with pytest.raises(InvalidArgument, match=r"seed = .*: must be an integer"):
         SCENES[name](seed=seed)
 
 
