@@ -38,6 +38,7 @@ from sfmcpp.sources.io.csv_text import (
     unit_factor,
     with_decimal_points,
 )
+from sfmcpp.sources.io.number_text import number_of
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
 
@@ -172,10 +173,8 @@ class _Asked:
     @property
     def number(self) -> float:
         """In our unit; NaN if it is no finite number."""
-        try:
-            value = float(self.own) * self.column.factor
-        except ValueError:
-            return math.nan
+        own = number_of(self.own) if isinstance(self.own, str) else float(self.own)
+        value = own * self.column.factor
         return value if math.isfinite(value) else math.nan
 
 

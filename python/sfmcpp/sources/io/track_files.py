@@ -31,7 +31,7 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT
 from sfmcpp.sources.io.files import compressed_writer, failures_named, read_text_bytes
-from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.number_text import NumberText, number_of
 from sfmcpp.sources.io.rows import format_rows
 
 _TITLE = "# sfmcpp tracks\n"
@@ -162,10 +162,7 @@ def _intrinsics(path: Path, data: bytes) -> FloatArray:
 
 def _named_number(path: Path, line: int, word: str) -> tuple[str, float]:
     name, _, text = word.partition("=")
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
+    value = number_of(text)
     if name not in _DEFAULTS or not np.isfinite(value):
         known = ", ".join(_DEFAULTS)
         raise DatasetError(path, f"intrinsics {word!r}: must be NAME=NUMBER, a name of {known}", line)

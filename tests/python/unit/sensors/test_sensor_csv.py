@@ -120,6 +120,7 @@ HEADER = "t [s],speed [m/s]"
         ("t [s],speed [m/s],speed [km/h]", ["0,1,1"], 1, "columns named twice: speed"),
         (HEADER, ["0,1", "0.1"], 3, "holds 1 cells: must be 2"),
         (HEADER, ["0,1", "0.1,fast"], 3, "speed is 'fast': must be a finite number"),
+        (HEADER, ["0,1", "0.1,1_0"], 3, "speed is '1_0': must be a finite number"),
         (HEADER, ["0,1", "0.1,nan"], 3, "speed is 'nan': must be a finite number"),
         (HEADER, ["0,1", "", "inf,2"], 4, "t is 'inf'"),
         (HEADER, ["0,1", ",2"], 3, "t is ''"),
