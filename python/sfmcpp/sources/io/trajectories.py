@@ -52,8 +52,8 @@ def read_trajectory(path: str | PathLike[str], *, format: str | None = None) -> 
     Raises
     ------
     DatasetError
-        If the file cannot be read, is in no known format, a rotation is none, or the times do not increase;
-        it names the line.
+        If the file cannot be read, is in no known format, a rotation is none, or times or numbers of frames
+        do not increase; it names the line.
     InvalidArgument
         If `format` is unknown.
     """
@@ -170,7 +170,10 @@ def _from_quaternions(
 
 
 def _from_kitti(text: NumberText, table: FloatArray) -> Trajectory:
-    rows = table[:, 1:] if table.shape[1] == _KITTI_COLUMNS[-1] else table
+    rows = table
+    if table.shape[1] == _KITTI_COLUMNS[-1]:  # poses without times are told apart by their order alone
+        _require_rows(text, np.diff(table[:, 0], prepend=-np.inf) > 0, "frame {}: must increase", table[:, 0])
+        rows = table[:, 1:]
     if rows.shape[1] == 16:
         last = (rows[:, 12:] == [0, 0, 0, 1]).all(axis=1)
         _require_rows(text, last, "the last row of the matrix must be 0 0 0 1", rows[:, 15])

@@ -90,6 +90,7 @@ GOOD = "1 0 0 0 0 0 0 1"
         ("t.txt", [GOOD, "0.5 0 0 0 0 0 0 1"], 2, r"time 0\.5 s: must be later"),
         ("t.txt", ["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 0 0 1 0 0 0 0 -1 0"], 2, "no rotation"),
         ("t.txt", ["1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 2"], 1, "must be 0 0 0 1"),
+        ("t.txt", [f"{k} 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1" for k in (3, 5, 4)], 3, "frame 4: must increase"),
         ("t.csv", ["1,0,0,0,1,0,0"], 1, "holds 7 numbers: must be 8 or more"),
         ("t.txt", ["# nothing"], None, "holds no poses"),
         ("t.mat", ["1 2 3"], None, "not a MATLAB file"),
