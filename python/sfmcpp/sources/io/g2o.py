@@ -37,7 +37,7 @@ from sfmcpp.sources.io.intrinsics import (
     require_defaults_except,
 )
 from sfmcpp.sources.io.number_text import NumberText
-from sfmcpp.sources.io.rows import format_rows
+from sfmcpp.sources.io.rows import format_rows, tokens_of_items
 
 Int64Array = NDArray[np.int64]
 
@@ -134,9 +134,7 @@ class _Records:
     def held(self) -> Int64Array:
         """Index of every number of the lines FIX."""
         lines = self._words == _WORDS.index(_FIX)
-        counts = self.text.lines.count[lines] - 1
-        offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        return np.asarray(np.repeat(self._heads[lines] + 1, counts) + offsets)
+        return tokens_of_items(self._heads[lines] + 1, self.text.lines.count[lines] - 1, 1)
 
 
 def _numbered(path: Path) -> bytes:

@@ -133,7 +133,7 @@ def _problem_of_arrays(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
     if missing:
         raise DatasetError(path, f"is no sfmcpp problem: it lacks {', '.join(missing)}")
     header = _json(path, members.pop(METADATA))
-    metadata = _metadata(path, header, members)
+    metadata = _metadata(header, members)
     arrays = {name: members.get(name) for name in _ARRAYS}
     try:
         rigs = _rigs(path, members)
@@ -297,7 +297,7 @@ def _json(path: Path, array: NDArray[Any]) -> dict[str, Any]:
     return header
 
 
-def _metadata(path: Path, header: dict[str, Any], members: dict[str, NDArray[Any]]) -> Metadata:
+def _metadata(header: dict[str, Any], members: dict[str, NDArray[Any]]) -> Metadata:
     extra = dict(header["extra"])
     extra |= {name.removeprefix(_EXTRA): a for name, a in members.items() if name.startswith(_EXTRA)}
     arrays = {name: members.get(name) for name in _METADATA_ARRAYS}
