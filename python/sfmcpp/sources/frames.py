@@ -269,8 +269,7 @@ def open_images(
 ) -> tuple[ImageStream, Trajectory | None]:
     """Open a folder of images or a video; the first image that can be read is looked at.
 
-    The truth is ``poses.txt``, with the images or one folder
-    above, where there is one.
+    The truth is ``poses.txt``, with the images or one folder above, where there is one.
 
     Parameters
     ----------

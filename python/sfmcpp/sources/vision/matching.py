@@ -37,7 +37,7 @@ def match(
     descriptors_1, descriptors_2 : (n, D), (m, D) uint8
         One a row, D ≤ 2048, compared by the Euclidean distance; of equally near ones the first counts.
     ratio : float
-        A neighbour's distance over that of the second nearest, at most; in both directions where `mutual`.
+        Above a neighbour's distance over that of the second nearest; in both directions where `mutual`.
         At 1 every nearest neighbour passes, as it does where there is no second.
     mutual : bool
         Whether each of a pair must be the nearest of the other; else several may match one.
