@@ -288,9 +288,12 @@ def write_g2o(problem: Problem, path: Path) -> None:
     Raises
     ------
     DatasetError
-        If there is skew, a focal length is not positive, or the file cannot be written.
+        If there are no cameras and no points, there is skew, a focal length is not positive, or the file
+        cannot be written.
     """
     require_valid(problem, path)
+    if not problem.num_cameras and not problem.num_points:
+        raise DatasetError(path, "g2o's files cannot hold a problem without cameras and without points")
     values, _ = as_perspective(problem)
     require_defaults_except(values, (*_LENS_NAMES, *PERSPECTIVE[PINHOLE:]), "g2o's files", path)
     _require_positive(values, path)
