@@ -99,9 +99,14 @@ def render_photos(
     require_count("num_images", num_images)
     require_seed(seed)
     require_not_negative("noise", noise)
+    if gps_sigma_m is None and gps_lies:
+        raise InvalidArgument(
+            f"gps_lies = {gps_lies}: gps_sigma_m must be given, else files tell no position"
+        )
     if suffix not in (".jpg", ".png"):
         raise InvalidArgument(f"suffix = {suffix!r}: must be .jpg or .png")
-    geometry = ImageGeometry("perspective", focal_px or _FOCAL * image_size[0], image_size, distortion)
+    focal = _FOCAL * image_size[0] if focal_px is None else focal_px
+    geometry = ImageGeometry("perspective", focal, image_size, distortion)
     rng = np.random.default_rng(seed)
     place = make(num_images, rng)
     truth = _truth(place, geometry, [f"{k:04d}{suffix}" for k in range(num_images)])
@@ -109,13 +114,12 @@ def render_photos(
     if gps_sigma_m is not None:
         gps_metres = _positions(truth, gps_sigma_m, gps_lies, gps_lie_m, rng)
         positions = [(float(a), float(b), float(h)) for a, b, h in geodetic_of(gps_metres, WORLD_ORIGIN)]
-    focal = geometry.focal_px if exif_focal else None
     _write(
         place,
         geometry,
         Path(folder),
         truth.metadata.image_names,
-        [ExifContent(focal, p) for p in positions],
+        [ExifContent(focal if exif_focal else None, p) for p in positions],
         noise,
         rng,
     )

@@ -153,7 +153,15 @@ def test_photos_of_a_place_show_something_and_differ(name: str, tmp_path: Path) 
 
 @pytest.mark.parametrize(
     "options",
-    [{"num_images": 0}, {"suffix": ".gif"}, {"noise": -1}, {"gps_sigma_m": 1, "gps_lies": 9}, {"seed": -1}],
+    [
+        {"num_images": 0},
+        {"suffix": ".gif"},
+        {"noise": -1},
+        {"gps_sigma_m": 1, "gps_lies": 9},
+        {"gps_lies": 1},
+        {"focal_px": 0.0},
+        {"seed": -1},
+    ],
 )
 def test_what_makes_no_sense_is_refused(options: dict[str, float], tmp_path: Path) -> None:
     with pytest.raises(InvalidArgument):
