@@ -66,11 +66,11 @@ def camera_places(links: NDArray[np.int64], num_cameras: int) -> Numbers:
     from scipy.sparse import coo_array, csr_array
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-    half = coo_array(
-        (np.ones(len(links), np.int8), (links // max(num_cameras, 1), links % max(num_cameras, 1))),
-        (num_cameras, num_cameras),
-    )
     places = np.empty(num_cameras, np.int64)
+    if not num_cameras:
+        return places
+    ends = (links // num_cameras, links % num_cameras)
+    half = coo_array((np.ones(len(links), np.int8), ends), (num_cameras, num_cameras))
     places[reverse_cuthill_mckee(csr_array(half + half.T), symmetric_mode=True)] = np.arange(num_cameras)
     return places
 

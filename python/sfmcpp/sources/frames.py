@@ -112,8 +112,8 @@ class TrackSequence(FrameSource):
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, a number is not finite, an index is out of range, the stamps do not increase, or
-        a frame sees a track twice.
+        If there is no frame, a shape is wrong, a number is not finite, an index is out of range, the stamps
+        do not increase, or a frame sees a track twice.
     """
 
     def __init__(
@@ -127,6 +127,8 @@ class TrackSequence(FrameSource):
         baseline_m: float | None = None,
     ) -> None:
         self.t_s = finite_array("t_s", t_s, (-1,))
+        if not len(self.t_s):
+            raise InvalidArgument("t_s: there is no frame, must be at least one")
         require_increasing("t_s", self.t_s)
         given = finite_array("intrinsics", intrinsics, (ANY,))
         width = _DISTORTED if len(given) == _DISTORTED else PINHOLE
@@ -204,14 +206,16 @@ class ImageStream(FrameSource):
         self, images: Frames, intrinsics: FloatArray, time_of: TimeOf, settings: KltSettings
     ) -> None:
         self._images, self._time_of, self._settings = images, time_of, settings
-        self._count = len(images)
+        self._count, self._last = len(images), len(images) - 1
         self.intrinsics = intrinsics
         self.corners = settings.corners
         self.seconds: float = 0.0
 
     def identity(self) -> dict[str, Any]:
-        """Camera, times, and how corners are followed."""
-        return {**super().identity(), "settings": self._settings}
+        """Camera, times, and how corners are followed; the same whether or not images have been read."""
+        count = len(self._images)
+        times = self._span_to(count - 1)
+        return {"camera": self.intrinsics, "count": count, "times": times, "settings": self._settings}
 
     def __len__(self) -> int:
         """Frames expected; those that there were, once all have been seen."""
@@ -220,9 +224,12 @@ class ImageStream(FrameSource):
     @property
     def span_s(self) -> tuple[float, float]:
         """Times of the first image, and of the last one expected that has a time [s]."""
+        return self._span_to(self._last)
+
+    def _span_to(self, last: int) -> tuple[float, float]:
         first_s = self._time_of(0)
         try:
-            return first_s, self._time_of(self._count - 1)
+            return first_s, self._time_of(last)
         except DatasetError:  # the run tells which image has no time
             return first_s, first_s
 
@@ -239,7 +246,7 @@ class ImageStream(FrameSource):
         while (seen := self._timed_next(stream)) is not None:
             self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
             yield Frame(numbers[-1], self._time_of(numbers[-1]), seen)
-        self._count = len(numbers)
+        self._count, self._last = len(numbers), max(numbers, default=self._last)
 
     @property
     def unreadable(self) -> Mapping[str, str]:
@@ -262,8 +269,7 @@ def open_images(
 ) -> tuple[ImageStream, Trajectory | None]:
     """Open a folder of images or a video; the first image that can be read is looked at.
 
-    The truth is ``poses.txt``, with the images or one folder
-    above, where there is one.
+    The truth is ``poses.txt``, with the images or one folder above, where there is one.
 
     Parameters
     ----------

@@ -92,5 +92,6 @@ def test_names_that_are_no_text_are_refused_by_the_file(tmp_path: Path, output: 
     command = solve if output == "sigmas.csv" else ("convert", tmp_path / "named.npz", tmp_path / output)
     result = run_here(*command)
     assert result.returncode == 2
-    assert f"{output}: '\\ud800' cannot be written as UTF-8" in result.stderr
+    told = "image name '\\ud800.jpg'" if output == "out.nvm" else "'\\ud800'"
+    assert f"{output}: {told} cannot be written as UTF-8" in result.stderr
     assert not (tmp_path / output).exists()

@@ -17,9 +17,8 @@ from rendered import photos_of, reconstructed, registered, results
 from sfmcpp.cli.main import main
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import east_north_up
+from sfmcpp.sensors import east_north_up, geodetic_of
 from sfmcpp.sources.synthetic.photos import WORLD_ORIGIN
-from sfmcpp.sources.synthetic.photos.photo_files import geodetic
 
 FEW = 6
 # Ends as `kill -9` does, in the middle of the stage that is named first.
@@ -149,7 +148,8 @@ def test_positions_that_lie_are_named_and_cost_nothing(tmp_path: Path) -> None:
     assert sorted(report["gps"]["outliers"]) == lies
     assert 0.5 < report["gps"]["sigma_m"] < 1.6
     honest = tmp_path / "honest.csv"
-    rows = zip(truth.metadata.image_names, geodetic(truth.metadata.extra["gps"], WORLD_ORIGIN), strict=True)
+    given = geodetic_of(truth.metadata.extra["gps"], WORLD_ORIGIN)
+    rows = zip(truth.metadata.image_names, given, strict=True)
     lines = [f"{name},{a:.10f},{b:.10f},{h:.5f}" for name, (a, b, h) in rows if name not in lies]
     honest.write_text("\n".join(["name,lat,lon,height", *lines]) + "\n")
     shutil.copytree(tmp_path / "told/cache", tmp_path / "by-hand/cache")
@@ -164,7 +164,7 @@ def world_error_m(out: Path, truth: Problem) -> float:
     """RMS distance of the centres of a georeferenced model from the true ones."""
     found = sfmcpp.read(out / "model")
     origin = np.array(list(strict_json(out / "report.json")["gps"]["origin"].values()))
-    centres = east_north_up(geodetic(found.cameras[:, :, 3], origin), WORLD_ORIGIN)
+    centres = east_north_up(geodetic_of(found.cameras[:, :, 3], origin), WORLD_ORIGIN)
     rows = [truth.metadata.image_names.index(name) for name in found.metadata.image_names]
     true: FloatArray = truth.cameras[rows, :, 3]
     return float(np.sqrt(((centres - true) ** 2).sum(axis=1).mean()))

@@ -70,7 +70,7 @@ class Bag:
 
     def __init__(self, path: Path, reader: Any) -> None:
         self.path, self._reader = path, reader
-        self.ros = 1 if path.suffix in _ROS1 else 2
+        self.ros = 1 if _is_ros1(path) else 2
 
     @cached_property
     def topics(self) -> tuple[Topic, ...]:
@@ -194,7 +194,12 @@ def _reader_of(path: Path) -> Callable[[Path], Any]:
         _require_plain_metadata(path / _METADATA)
     else:
         require_regular_file(path)
-    return Reader1 if path.suffix in _ROS1 and not path.is_dir() else Reader2
+    return Reader1 if _is_ros1(path) else Reader2
+
+
+def _is_ros1(path: Path) -> bool:
+    """Whether a bag is of ROS 1, whose bags are no folders, whatever these are called."""
+    return path.suffix in _ROS1 and not path.is_dir()
 
 
 def _require_plain_metadata(path: Path) -> None:

@@ -34,7 +34,7 @@ from sfmcpp.sources.io import (
 from sfmcpp.sources.io.checks import require_magnitudes, require_valid
 from sfmcpp.sources.io.colmap.database import is_database
 from sfmcpp.sources.io.colmap.fisheye import is_fisheye
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.shares import Share, part_of_share
 
@@ -135,6 +135,8 @@ def write(problem: Problem, path: AnyPath, *, format: str | None = None) -> None
         chosen = format_of(target) if format is None else named_format(format)
         if chosen.writer is None:
             raise DatasetError(target, f"format {chosen.name} can be read but not written")
+        if target.suffix.lower() in COMPRESSED_SUFFIXES and not chosen.compresses:
+            raise DatasetError(target, f"format {chosen.name} is not written compressed: use another suffix")
         fits = is_fisheye(problem) and chosen in _FORMATS_OF_FISHEYES
         if isinstance(problem.camera_model, CameraFunction) and not fits:
             held = "only COLMAP models hold" if is_fisheye(problem) else "no file holds"

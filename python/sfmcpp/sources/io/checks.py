@@ -94,6 +94,19 @@ def require_metadata_length(what: str, value: Any, length: int, path: Path) -> N
         raise DatasetError(path, f"metadata {what} has {len(value)} entries: must be {length}")
 
 
+def require_image_sizes(problem: Problem, path: Path) -> None:
+    """Raise a DatasetError unless the metadata tell no image sizes, or a width and height for each camera."""
+    if problem.metadata.image_sizes is None:
+        return
+    sizes, count = np.asarray(problem.metadata.image_sizes), problem.num_cameras
+    if sizes.shape != (count, 2) or (sizes.size and sizes.dtype.kind not in "iu"):
+        found = f"{sizes.dtype.name} {sizes.shape}"
+        raise DatasetError(path, f"metadata image_sizes is {found}: must be integers ({count}, 2)")
+    if not _all_within(sizes, 0, LARGEST_COUNT):
+        worst = sizes.min() if sizes.min() < 0 else sizes.max()
+        raise DatasetError(path, f"metadata image_sizes has {worst}: must be from 0 to {LARGEST_COUNT} px")
+
+
 def image_names(problem: Problem, path: Path) -> list[str]:
     """Names of the images of all cameras from the metadata, or numbered from 1 where there are none."""
     names = problem.metadata.names(problem.num_cameras)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.number_text import number_of
 
 # The foot of 1959; maps of the United States may be in feet of their survey, which differ by 4 m in 2,000 km.
 LENGTH = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "us-ft": 1200 / 3937}
@@ -63,10 +64,7 @@ def finite_number(path: Path, line: int, column: str, cell: str, factor: float =
     DatasetError
         If it is none, or not finite; it names the line.
     """
-    try:
-        value = float(cell) * factor
-    except ValueError:
-        value = math.nan
+    value = number_of(cell) * factor
     if not math.isfinite(value):
         raise DatasetError(path, f"{column} is {cell!r}: must be a finite number", line)
     return value

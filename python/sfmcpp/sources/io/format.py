@@ -9,6 +9,7 @@ from pathlib import Path
 from sfmcpp.ba.parts import Part
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.model import Problem
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES
 from sfmcpp.sources.io.shares import Share
 
 # What formats of geometry and pixels alone do not have.
@@ -77,6 +78,11 @@ class Format:
     def writable(self) -> bool:
         """Whether files of this format can be written."""
         return self.writer is not None
+
+    @property
+    def compresses(self) -> bool:
+        """Whether files are compressed where their name asks for it; names of folders ask for nothing."""
+        return not self.suffixes or any(suffix.endswith(COMPRESSED_SUFFIXES) for suffix in self.suffixes)
 
     def claims(self, path: Path) -> bool:
         """Whether `path`, which need not exist, is a name for this format."""

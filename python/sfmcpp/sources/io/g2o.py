@@ -37,7 +37,7 @@ from sfmcpp.sources.io.intrinsics import (
     require_defaults_except,
 )
 from sfmcpp.sources.io.number_text import NumberText
-from sfmcpp.sources.io.rows import format_rows
+from sfmcpp.sources.io.rows import format_rows, tokens_of_items
 
 Int64Array = NDArray[np.int64]
 
@@ -134,9 +134,7 @@ class _Records:
     def held(self) -> Int64Array:
         """Index of every number of the lines FIX."""
         lines = self._words == _WORDS.index(_FIX)
-        counts = self.text.lines.count[lines] - 1
-        offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        return np.asarray(np.repeat(self._heads[lines] + 1, counts) + offsets)
+        return tokens_of_items(self._heads[lines] + 1, self.text.lines.count[lines] - 1, 1)
 
 
 def _numbered(path: Path) -> bytes:
@@ -290,9 +288,12 @@ def write_g2o(problem: Problem, path: Path) -> None:
     Raises
     ------
     DatasetError
-        If there is skew, a focal length is not positive, or the file cannot be written.
+        If there are no cameras and no points, there is skew, a focal length is not positive, or the file
+        cannot be written.
     """
     require_valid(problem, path)
+    if not problem.num_cameras and not problem.num_points:
+        raise DatasetError(path, "g2o's files cannot hold a problem without cameras and without points")
     values, _ = as_perspective(problem)
     require_defaults_except(values, (*_LENS_NAMES, *PERSPECTIVE[PINHOLE:]), "g2o's files", path)
     _require_positive(values, path)

@@ -21,13 +21,13 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.image_tracks import LARGEST_INDEX, ImageTracks, first_beyond_images, image_tracks
 from sfmcpp.sources.io import api, npz, track_files
-from sfmcpp.sources.io.checks import fault_of_image_name
+from sfmcpp.sources.io.checks import fault_of_image_name, first_duplicate
 from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_text_bytes
 from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
 from sfmcpp.sources.io.number_text import NumberText, TokenSet
 
-# Formats whose pixels are counted from the centre of the image.
-_CENTRED = ("bal", "bundler")
+# Formats whose pixels are counted from the centre of the image, whatever camera model a problem has now.
+_CENTRED = ("bal", "bundler", "nvm")
 _ARRAYS = ("camera_index", "point_index", "pixels")
 _TABLE_SUFFIXES = (".txt", ".csv", ".tsv", ".tracks")
 NOT_SEEN = -1.0
@@ -101,7 +101,7 @@ def _read_problem(path: Path) -> ImageTracks:
 def _tracks_of_problem(path: Path, problem: Problem) -> ImageTracks:
     metadata = problem.metadata
     names = metadata.image_names or [f"image_{number:06d}" for number in range(problem.num_cameras)]
-    centred = metadata.source_format in _CENTRED
+    centred = problem.camera_model == "bal" or metadata.source_format in _CENTRED
     sizes = metadata.image_sizes
     return _numbered_tracks(
         path, problem.camera_index, problem.point_index, problem.pixels, names, sizes, centred
@@ -238,10 +238,9 @@ def _require_of_images(text: NumberText, tokens: TokenSet) -> None:
 
 
 def _require_once(text: NumberText, images: NDArray[np.int64], tracks: NDArray[np.int64]) -> None:
-    order = np.lexsort((tracks, images))
-    same = (np.diff(images[order]) == 0) & (np.diff(tracks[order]) == 0)
-    if same.any():
-        second = int(order[1:][same].min())
+    duplicate = first_duplicate(images, tracks, int(images.max(initial=0)) + 1)
+    if duplicate is not None:
+        second = duplicate[1]
         raise text.error(f"image {images[second]} sees track {tracks[second]} twice", 4 * second)
 
 

@@ -14,7 +14,7 @@ from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.problem import Problem
-from sfmcpp.sources.io.checks import LARGEST_COUNT, require_metadata_length
+from sfmcpp.sources.io.checks import LARGEST_COUNT, require_image_sizes, require_metadata_length
 
 PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
@@ -147,7 +147,7 @@ def lenses_from_corner(problem: Problem, path: Path) -> CornerLenses:
     Raises
     ------
     DatasetError
-        If there are not as many sizes in the metadata as rows.
+        If the sizes in the metadata are none, or not as many as rows or cameras.
     """
     values, fixed = as_perspective(problem)
     centred = problem.camera_model == "bal"
@@ -158,19 +158,31 @@ def lenses_from_corner(problem: Problem, path: Path) -> CornerLenses:
 
 
 def _image_sizes(problem: Problem, centred: bool, path: Path) -> NDArray[np.int64]:
-    """Width and height (G, 2) of the images of each row of intrinsics [px]."""
+    """Width and height (G, 2) of the images of each row [px]; a size with a zero in it is not known."""
+    sizes = _known_sizes(problem, path)
+    covering = _covering_sizes(problem, centred)
+    return np.where((sizes != 0).all(axis=1, keepdims=True), sizes, covering)
+
+
+def _known_sizes(problem: Problem, path: Path) -> NDArray[np.int64]:
+    """Sizes (G, 2) as the metadata have them, 0 where they have none."""
+    count, rows = len(problem.intrinsics), problem.intrinsics_index
     stored = problem.metadata.extra.get("colmap_camera_sizes")
     if stored is not None:
-        require_metadata_length("colmap_camera_sizes", stored, len(problem.intrinsics), path)
-        return np.asarray(stored)
-    rows = problem.intrinsics_index
+        require_metadata_length("colmap_camera_sizes", stored, count, path)
+        return np.asarray(stored, dtype=np.int64)
+    sizes = np.zeros((count, 2), dtype=np.int64)
+    require_image_sizes(problem, path)
     if problem.metadata.image_sizes is not None:
-        sizes = np.ones((len(problem.intrinsics), 2), dtype=np.int64)
         sizes[rows] = problem.metadata.image_sizes
-        return sizes
+    return sizes
+
+
+def _covering_sizes(problem: Problem, centred: bool) -> NDArray[np.int64]:
+    """Sizes (G, 2) of images that just cover the observations."""
     sides, reach = (2, np.abs(problem.pixels)) if centred else (1, problem.pixels)
     largest = np.ones((len(problem.intrinsics), 2))
-    np.maximum.at(largest, rows[problem.camera_index], np.ceil(reach))
+    np.maximum.at(largest, problem.intrinsics_index[problem.camera_index], np.ceil(reach))
     return np.minimum(sides * largest, LARGEST_COUNT).astype(np.int64)
 
 

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checks import LARGEST_MAGNITUDE
 from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.number_text import number_of
 
 # A document takes some twenty times its size as Python's objects.
 _LARGEST_BYTES = 1 << 30
@@ -80,8 +81,8 @@ class Part:
         """A finite number, or a text that is one: some programs quote all of them."""
         value = self.value
         try:
-            number = float(value) if isinstance(value, int | float | str) else math.nan
-        except (ValueError, OverflowError):
+            number = number_of(value) if isinstance(value, str) else float(value)
+        except (TypeError, OverflowError):
             number = math.nan
         if isinstance(value, bool) or not abs(number) <= LARGEST_MAGNITUDE:
             raise self._refusal(f"a finite number, at most {LARGEST_MAGNITUDE:g} in magnitude")

@@ -26,7 +26,7 @@ from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem, Rigs
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.checks import LARGEST_COUNT, require_metadata_length, require_valid
+from sfmcpp.sources.io.checks import require_image_sizes, require_metadata_length, require_valid
 from sfmcpp.sources.io.files import expands_too_far, largest_expansion, open_content
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.shares import Share
@@ -133,7 +133,7 @@ def _problem_of_arrays(path: Path, members: dict[str, NDArray[Any]]) -> Problem:
     if missing:
         raise DatasetError(path, f"is no sfmcpp problem: it lacks {', '.join(missing)}")
     header = _json(path, members.pop(METADATA))
-    metadata = _metadata(path, header, members)
+    metadata = _metadata(header, members)
     arrays = {name: members.get(name) for name in _ARRAYS}
     try:
         rigs = _rigs(path, members)
@@ -297,7 +297,7 @@ def _json(path: Path, array: NDArray[Any]) -> dict[str, Any]:
     return header
 
 
-def _metadata(path: Path, header: dict[str, Any], members: dict[str, NDArray[Any]]) -> Metadata:
+def _metadata(header: dict[str, Any], members: dict[str, NDArray[Any]]) -> Metadata:
     extra = dict(header["extra"])
     extra |= {name.removeprefix(_EXTRA): a for name, a in members.items() if name.startswith(_EXTRA)}
     arrays = {name: members.get(name) for name in _METADATA_ARRAYS}
@@ -315,10 +315,7 @@ def _require_consistent(problem: Problem, path: Path) -> None:
         if array is not None and (array.shape != wanted[name] or array.dtype != dtype):
             found = f"{array.dtype.name} {array.shape}"
             raise DatasetError(path, f"metadata {name} is {found}: must be {dtype.name} {wanted[name]}")
-    sizes = metadata.image_sizes
-    if sizes is not None and sizes.size and not 0 <= sizes.min() <= sizes.max() <= LARGEST_COUNT:
-        worst = sizes.min() if sizes.min() < 0 else sizes.max()
-        raise DatasetError(path, f"metadata image_sizes has {worst}: must be from 0 to {LARGEST_COUNT} px")
+    require_image_sizes(problem, path)
 
 
 FORMAT = Format(

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -196,6 +197,14 @@ class OwnNumbers:
         start, wanted = begin + width * first - self.before, width * (last - first)
         taken = self.values[max(start, 0) :][:wanted]
         return int(first), np.concatenate([taken, self.following[: wanted - len(taken)]]).reshape(-1, width)
+
+
+def number_of(word: str) -> float:
+    """The number that a word is, or not a number: words with underscores, which Python allows, are none."""
+    try:
+        return math.nan if "_" in word else float(word)
+    except ValueError:
+        return math.nan
 
 
 def first_no_integer(values: FloatArray, what: str, lowest: int, highest: int) -> tuple[int, str] | None:

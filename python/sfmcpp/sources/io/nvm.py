@@ -26,6 +26,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
+    fault_of_image_name,
     finite_rows,
     first_duplicate,
     image_names,
@@ -188,7 +189,7 @@ def write_nvm(problem: Problem, path: Path) -> None:
     Raises
     ------
     DatasetError
-        If metadata do not fit the problem, a name has a line break, or the file cannot be written.
+        If metadata do not fit the problem, a name is none for a line of text, or the file cannot be written.
     """
     require_valid(problem, path)
     with atomic_files(path) as (stream,):
@@ -202,8 +203,11 @@ def write_nvm(problem: Problem, path: Path) -> None:
 def _camera_chunks(problem: Problem, path: Path) -> Iterator[bytes]:
     names = image_names(problem, path)
     for name in names:
-        if len(name.splitlines()) != 1:
-            raise DatasetError(path, f"image name {name!r}: must be one line")
+        fault = fault_of_image_name(name)
+        if fault is not None or name.startswith("#"):
+            raise DatasetError(
+                path, f"image name {name!r} {fault or 'must not begin with #, as comments do'}"
+            )
     quaternions = quaternion_from_rotation(np.swapaxes(problem.rotations, 1, 2))
     focal = as_perspective(problem)[0][problem.intrinsics_index, 0]
     return format_rows(f"%s\t{' '.join(['%r'] * 8)} 0 0\n", names, focal, *quaternions.T, *problem.centres.T)

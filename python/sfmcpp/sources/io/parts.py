@@ -173,10 +173,10 @@ def write_parts(problem: Problem, folder: Path, count: int = _DEFAULT_COUNT) -> 
     DatasetError
         If a value is impossible, or a file cannot be written.
     InvalidArgument
-        If there are more than 65536 parts.
+        If the number of parts is none from 1 to 65536.
     """
-    if count > _MOST_PARTS:
-        raise InvalidArgument(f"parts = {count}: must be at most {_MOST_PARTS}")
+    if not 1 <= count <= _MOST_PARTS:
+        raise InvalidArgument(f"parts = {count}: must be from 1 to {_MOST_PARTS}")
     _make_folder(folder)
     require_valid(problem, folder)
     parts = partition_points(problem, count)

@@ -103,6 +103,8 @@ def _positions_of_list(source: Path, lines: Sequence[NumberedLine]) -> NamedPosi
     found: dict[str, Triple] = {}
     sigmas: dict[str, Triple] = {}
     for number, line in rows:
+        if line.lstrip().startswith("#"):
+            continue
         name, *cells = line.split()
         if name in found:
             raise DatasetError(source, f"{name!r} stands there twice", number)

@@ -96,8 +96,11 @@ def _csv(named: NamedPositions, facts: Facts) -> str:
     writer = csv.writer(text, lineterminator="\n")
     titles = list(next(iter(facts.values()), {}))
     writer.writerow(["name", *(("lat", "lon", "height") if named.geodetic else ("x", "y", "z")), *titles])
+    quoting = csv.writer(text, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
     for name, position in named.positions.items():
-        writer.writerow([name, *position, *map(_cell, facts[name].values())])
+        # Between quotes, a name that begins as comments do is none.
+        chosen = quoting if name.startswith("#") else writer
+        chosen.writerow([name, *position, *map(_cell, facts[name].values())])
     return text.getvalue()
 
 

@@ -18,6 +18,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 
@@ -37,6 +38,7 @@ from sfmcpp.sources.io.csv_text import (
     unit_factor,
     with_decimal_points,
 )
+from sfmcpp.sources.io.number_text import number_of
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
 
@@ -123,10 +125,12 @@ def read_sensor_csv(
         finite number; the times do not increase; or a stream breaks a rule of :class:`SensorStream`, such as
         a unit that cannot be right.
     InvalidArgument
-        If a key of `columns` is no column with its unit, or a value is no text or finite number.
+        If a key of `columns` is no column with its unit, or two are of one column; if a value is no text or
+        number, or a number for all times.
     """
     source = Path(path)
     asked = [_Asked(header, own) for header, own in (columns or {}).items()]
+    _require_different(asked)
     lines = numbered_lines(source)
     number, header = next(lines, (1, ""))
     separator = separator_of(header)
@@ -149,6 +153,12 @@ class _Asked:
     header: str
     own: str | float
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.own, str | Real):
+            raise InvalidArgument(
+                f"sensor_columns: {self.header!r} = {self.own!r}: must be a name or a number"
+            )
+
     @cached_property
     def column(self) -> Column:
         """What it holds."""
@@ -163,11 +173,19 @@ class _Asked:
     @property
     def number(self) -> float:
         """In our unit; NaN if it is no finite number."""
-        try:
-            value = float(self.own) * self.column.factor
-        except ValueError:
-            return math.nan
+        own = number_of(self.own) if isinstance(self.own, str) else float(self.own)
+        value = own * self.column.factor
         return value if math.isfinite(value) else math.nan
+
+
+def _require_different(asked: list[_Asked]) -> None:
+    headers: dict[str, str] = {}
+    for one in asked:
+        other = headers.setdefault(one.column.name, one.header)
+        if other != one.header:
+            raise InvalidArgument(
+                f"sensor_columns: {other!r} and {one.header!r} are one column: must be told once"
+            )
 
 
 def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool:
@@ -179,6 +197,10 @@ def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool
             f"holds no column {asked.own!r}, which is to be {asked.header!r}: it holds {', '.join(headers)}"
         )
         raise DatasetError(path, reason, number)
+    if place is None and asked.column.name == "t":
+        raise InvalidArgument(
+            f"sensor_columns: {asked.header!r} = {asked.own!r}: must be a column, as times differ"
+        )
     for k, name in enumerate(names):
         if _KNOWN.get(name.lower()) == asked.column.name:
             headers[k] = _LEFT_OUT
@@ -212,10 +234,7 @@ def _columns(path: Path, number: int, headers: list[str], constants: list[str]) 
     for group, (_, wanted) in GROUPS.items():
         lacking = [name for name in wanted if name not in names]
         if lacking and (len(lacking) < len(wanted) or group == "time"):
-            advice = (
-                ": write 0 there if the body turns about one axis alone" if group == "angular_rate" else ""
-            )
-            reason = f"the header lacks the column {', '.join(lacking)} of {group}{advice}"
+            reason = f"the header lacks the column {', '.join(lacking)} of {group}{_ADVICE.get(group, '')}"
             raise DatasetError(path, reason, number)
     return columns
 

@@ -29,9 +29,9 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.checks import LARGEST_COUNT
+from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate
 from sfmcpp.sources.io.files import compressed_writer, failures_named, read_text_bytes
-from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.number_text import NumberText, number_of
 from sfmcpp.sources.io.rows import format_rows
 
 _TITLE = "# sfmcpp tracks\n"
@@ -162,10 +162,7 @@ def _intrinsics(path: Path, data: bytes) -> FloatArray:
 
 def _named_number(path: Path, line: int, word: str) -> tuple[str, float]:
     name, _, text = word.partition("=")
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
+    value = number_of(text)
     if name not in _DEFAULTS or not np.isfinite(value):
         known = ", ".join(_DEFAULTS)
         raise DatasetError(path, f"intrinsics {word!r}: must be NAME=NUMBER, a name of {known}", line)
@@ -228,10 +225,9 @@ class _Rows:
         return t_s
 
     def _require_once(self, frames: NDArray[np.int64], tracks: NDArray[np.int64]) -> None:
-        order = np.lexsort((tracks, frames))
-        same = (np.diff(frames[order]) == 0) & (np.diff(tracks[order]) == 0)
-        if same.any():
-            second = int(order[1:][same].min())
+        duplicate = first_duplicate(frames, tracks, int(frames.max(initial=0)) + 1)
+        if duplicate is not None:
+            second = duplicate[1]
             reason = f"frame {frames[second]} sees track {tracks[second]} twice"
             raise self._error(reason, np.flatnonzero(self._sees)[second])
 

@@ -17,7 +17,7 @@ from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation, require_one_of
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_text_bytes
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, compressed_writer, failures_named, read_text_bytes
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows
@@ -25,7 +25,7 @@ from sfmcpp.sources.io.rows import format_rows
 TRAJECTORY_FORMATS = ("tum", "kitti", "euroc", "mat")
 WRITABLE_TRAJECTORY_FORMATS = ("tum", "kitti", "euroc")
 
-_NS = 1e-9
+_NS, _MOST_NS = 1e-9, 2.0**63
 _TUM_COLUMNS = 8
 _KITTI_COLUMNS = (12, 16, 17)
 _EUROC_HEADER = "#timestamp [ns],p_x [m],p_y [m],p_z [m],q_w [],q_x [],q_y [],q_z []\n"
@@ -52,8 +52,8 @@ def read_trajectory(path: str | PathLike[str], *, format: str | None = None) -> 
     Raises
     ------
     DatasetError
-        If the file cannot be read, is in no known format, a rotation is none, or the times do not increase;
-        it names the line.
+        If the file cannot be read, is in no known format, a rotation is none, or times or numbers of frames
+        do not increase; it names the line.
     InvalidArgument
         If `format` is unknown.
     """
@@ -69,19 +69,22 @@ def read_trajectory(path: str | PathLike[str], *, format: str | None = None) -> 
 def write_trajectory(trajectory: Trajectory, path: str | PathLike[str], *, format: str = "tum") -> None:
     """Write a trajectory; the file appears complete or not at all, and reads back the same.
 
+    EuRoC's times are whole nanoseconds: they read back to within one, or what a float64 resolves.
+
     Parameters
     ----------
     trajectory : Trajectory
         What to write.
     path : path-like
-        Where to.
+        Where to; compressed if the name ends in ``.gz``, ``.bz2`` or ``.xz``.
     format : str
         One of `WRITABLE_TRAJECTORY_FORMATS`.
 
     Raises
     ------
     DatasetError
-        If the file cannot be written, or the format wants times that `trajectory` does not have.
+        If the file cannot be written, or the format wants times that `trajectory` does not have, or cannot
+        hold them.
     InvalidArgument
         If `format` is unknown.
     """
@@ -89,8 +92,20 @@ def write_trajectory(trajectory: Trajectory, path: str | PathLike[str], *, forma
     target = Path(path)
     if format != "kitti" and not trajectory.stamped:
         raise DatasetError(target, f"the trajectory has no times: format {format} needs them, kitti does not")
-    with atomic_files(target) as (stream,):
-        stream.writelines(_ROWS[format](trajectory))
+    if format == "euroc":
+        _require_whole_ns(trajectory.t_s, target)
+    with atomic_files(target) as (stream,), compressed_writer(stream, target) as writer:
+        writer.writelines(_ROWS[format](trajectory))
+
+
+def _require_whole_ns(t_s: FloatArray, path: Path) -> None:
+    """Refuse times that whole nanoseconds do not tell apart, or that 64 bits do not hold."""
+    ns = np.round(t_s / _NS)
+    good = (np.abs(ns) < _MOST_NS) & (np.diff(ns, prepend=-np.inf) > 0)
+    if not good.all():
+        worst = int(np.argmin(good))
+        rule = "must be whole nanoseconds in 64 bits, each more than the one before"
+        raise DatasetError(path, f"t_s[{worst}] is {t_s[worst]:.15g} s: {rule}")
 
 
 def _reader(path: Path, format: str | None) -> Callable[[Path], Trajectory]:
@@ -155,7 +170,10 @@ def _from_quaternions(
 
 
 def _from_kitti(text: NumberText, table: FloatArray) -> Trajectory:
-    rows = table[:, 1:] if table.shape[1] == _KITTI_COLUMNS[-1] else table
+    rows = table
+    if table.shape[1] == _KITTI_COLUMNS[-1]:  # poses without times are told apart by their order alone
+        _require_rows(text, np.diff(table[:, 0], prepend=-np.inf) > 0, "frame {}: must increase", table[:, 0])
+        rows = table[:, 1:]
     if rows.shape[1] == 16:
         last = (rows[:, 12:] == [0, 0, 0, 1]).all(axis=1)
         _require_rows(text, last, "the last row of the matrix must be 0 0 0 1", rows[:, 15])

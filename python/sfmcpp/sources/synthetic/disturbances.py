@@ -168,7 +168,7 @@ def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", 
     Returns
     -------
     Problem
-        Points that fewer than two cameras see are dropped too.
+        Points that fewer than two cameras see are dropped too; all else is as in `problem`.
 
     Raises
     ------
@@ -182,19 +182,7 @@ def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", 
         seen = rng.uniform(size=problem.num_observations) >= share
     else:
         seen = _seen_in_runs(problem, round((1 - share) * problem.num_cameras), rng)
-    return keep_points_seen_twice(
-        Problem(
-            problem.camera_model,
-            problem.cameras.copy(),
-            problem.intrinsics.copy(),
-            problem.points.copy(),
-            problem.camera_index[seen],
-            problem.point_index[seen],
-            problem.pixels[seen],
-            intrinsics_index=problem.intrinsics_index.copy(),
-            metadata=problem.metadata,
-        )
-    )
+    return keep_points_seen_twice(problem.with_observations(seen))
 
 
 def _seen_in_runs(problem: Problem, length: int, rng: np.random.Generator) -> BoolArray:

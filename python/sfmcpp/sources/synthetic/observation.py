@@ -108,6 +108,8 @@ def add_noise(pixels: FloatArray, sigma_px: float, rng: np.random.Generator) -> 
 def keep_points_seen_twice(problem: Problem) -> Problem:
     """Make the problem without the points that fewer than two cameras see, the others numbered anew.
 
+    All else is kept: intrinsics that cameras share, masks, uncertainties, rigs and metadata.
+
     Raises
     ------
     InvalidArgument
@@ -119,15 +121,4 @@ def keep_points_seen_twice(problem: Problem) -> Problem:
             f"num_cameras = {problem.num_cameras}: no point is seen by two of them; "
             "they are too far apart, or the points too few"
         )
-    new_index = np.cumsum(kept, dtype=np.int32) - 1
-    observed = kept[problem.point_index]
-    return Problem(
-        problem.camera_model,
-        problem.cameras,
-        problem.intrinsics,
-        problem.points[kept],
-        problem.camera_index[observed],
-        new_index[problem.point_index[observed]],
-        problem.pixels[observed],
-        metadata=problem.metadata,
-    )
+    return problem.with_points(np.flatnonzero(kept))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_not_negative
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, UP, Distortion, ImageGeometry, looking_at
@@ -35,6 +36,7 @@ _FOCAL_LIMIT = 2.0
 _MATCHED = 0.6
 
 
+@checked()
 def photo_collection_scene(
     num_cameras: int = 600,
     num_points: int | None = None,

@@ -61,7 +61,7 @@ class Lookout:
 
     def view(self, camera: FloatArray) -> tuple[IndexArray, FloatArray]:
         """Indices of the points that `camera` (3, 4) sees, and their pixels."""
-        near = np.concatenate([shell.near(camera) for shell in self._shells])
+        near = np.concatenate([np.empty(0, np.intp), *(shell.near(camera) for shell in self._shells)])
         seen, pixels = self._geometry.project(camera, self._points[near], self._max_depth_m[near])
         indices = near[seen].astype(np.int32)
         if self._hides is None:

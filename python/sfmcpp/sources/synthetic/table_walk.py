@@ -8,6 +8,7 @@ import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sources.synthetic.body_motion import BodySensors, Sway, SyntheticDrive, stamps
@@ -31,6 +32,7 @@ _HAND_HZ = (0.05, 0.5)
 _SURFACE_M = 1e-6
 
 
+@checked()
 def table_walk(
     length_m: float = 8.28,
     *,

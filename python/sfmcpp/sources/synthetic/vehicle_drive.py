@@ -8,6 +8,7 @@ import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_above, require_positive
 from sfmcpp.sensors import Mounting
@@ -38,6 +39,7 @@ _BOUNCE_M = 0.01
 _SPRING_HZ = (0.5, 2.0)
 
 
+@checked()
 def vehicle_drive(
     length_m: float = 130.0,
     *,

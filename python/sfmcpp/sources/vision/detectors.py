@@ -1,6 +1,6 @@
 """Detectors and descriptors: SIFT blobs, and corners in buckets (thesis §3.1.1).
 
-It is OpenCV's (Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004). Its scale
+SIFT is OpenCV's (Lowe, "Distinctive image features from scale-invariant keypoints", IJCV 2004). Its scale
 space, from twice the size of a 6-megapixel photo down, takes 1.4 GB, and a third of the time goes to fetching
 that memory: here the two finest octaves are searched tile by tile, and the others in an image of a quarter of
 the size.

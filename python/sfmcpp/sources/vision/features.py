@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_fraction, require_one_of
 from sfmcpp.model.photos import Features, Photo
@@ -107,7 +108,13 @@ def detect_in(
     -------
     Features
         As of :func:`detect`.
+
+    Raises
+    ------
+    InvalidArgument
+        If `color` or `mask` is of another shape or type.
     """
+    _require_image(color, mask)
     cv2, settings = load_cv2(), settings or FeatureSettings()
     image = _search_image(cv2, color, mask, settings.max_size_px)
     if settings.kind == "sift":
@@ -119,6 +126,13 @@ def detect_in(
     pixels = (found.pixels + 0.5) * step
     scales = found.scales * math.sqrt(step.prod())
     return Features(pixels, scales, found.angles, _colors(color, pixels), _root_normalised(found.descriptors))
+
+
+def _require_image(color: NDArray[np.uint8], mask: BoolArray | None) -> None:
+    if color.dtype != np.uint8 or color.ndim != 3 or color.shape[2] != 3 or not color.size:
+        raise InvalidArgument(f"color: {color.dtype} {color.shape}, must be uint8 (height, width, 3)")
+    if mask is not None and (mask.dtype != np.bool_ or mask.shape != color.shape[:2]):
+        raise InvalidArgument(f"mask: {mask.dtype} {mask.shape}, must be bool {color.shape[:2]} as color")
 
 
 def _search_image(

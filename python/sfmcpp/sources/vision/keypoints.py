@@ -89,8 +89,8 @@ def spread_choice(
     are the best of what is left, which mostly are where there is most texture.
     """
     best_first = np.lexsort((*pixels.T, -merits))
-    if len(best_first) <= count:
-        return best_first
+    if len(best_first) <= count or not count:
+        return best_first[:count]
     cell_px = math.sqrt(_PER_CELL * math.prod(shape) / (count / 2))
     rows, columns = (math.ceil(side / cell_px) for side in shape)
     ranks = rank_within(cells_of(pixels[best_first], shape, columns, rows))

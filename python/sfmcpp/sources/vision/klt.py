@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, IndexArray
-from sfmcpp.model.checks import require_one_of
+from sfmcpp.model.checks import require_count, require_one_of
 from sfmcpp.model.frames import View
 from sfmcpp.sources.vision.images import GreyImage, load_cv2
 from sfmcpp.sources.vision.keypoints import HARRIS_K, cells_of, rank_within
@@ -71,12 +71,12 @@ class KltSettings:
 
     def __post_init__(self) -> None:
         require_one_of("corners", self.corners, CORNERS)
-        for name in ("columns", "rows", "per_cell", "min_distance_px"):
-            _require(name, getattr(self, name), getattr(self, name) >= 1, "at least 1")
+        for name in ("columns", "rows", "per_cell", "min_distance_px", "window_px"):
+            require_count(name, getattr(self, name))
+        require_count("levels", self.levels, at_least=0)
         for name in ("forward_backward_px", "max_residual"):
             _require(name, getattr(self, name), getattr(self, name) > 0, "positive")
         _require("window_px", self.window_px, self.window_px in range(3, 256, 2), "odd, from 3 to 255")
-        _require("levels", self.levels, self.levels >= 0, "0 or more")
         _require("quality", self.quality, 0 < self.quality < 1, "in (0, 1)")
 
 

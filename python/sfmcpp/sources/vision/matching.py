@@ -18,6 +18,8 @@ from sfmcpp.model.checks import require_count, require_share
 Descriptors = NDArray[np.uint8]
 # Number of the nearest, squared distances to it and to the second nearest, as the core gives them.
 Nearest = tuple[IndexArray, IndexArray, IndexArray]
+# Distances from here on stand where there is no second (features/nearest_kernels.hpp): none comes near.
+_NO_DISTANCE = 1 << 28
 
 
 def match(
@@ -35,7 +37,7 @@ def match(
     descriptors_1, descriptors_2 : (n, D), (m, D) uint8
         One a row, D ≤ 2048, compared by the Euclidean distance; of equally near ones the first counts.
     ratio : float
-        A neighbour's distance over that of the second nearest, at most; in both directions where `mutual`.
+        Above a neighbour's distance over that of the second nearest; in both directions where `mutual`.
         At 1 every nearest neighbour passes, as it does where there is no second.
     mutual : bool
         Whether each of a pair must be the nearest of the other; else several may match one.
@@ -78,7 +80,7 @@ def match(
 def _passes_ratio_test(nearest: Nearest, ratio: float) -> BoolArray:
     """Which neighbours pass the ratio test."""
     _, squared, second = nearest
-    return np.asarray((squared < ratio**2 * second) | (ratio >= 1.0))
+    return np.asarray((squared < ratio**2 * second) | (second >= _NO_DISTANCE) | (ratio >= 1.0))
 
 
 def _checked_descriptors(name: str, descriptors: Descriptors) -> Descriptors:

@@ -115,8 +115,7 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
 def without_copies(folder: PhotoFolder) -> PhotoFolder:
     """The folder with one of all photos that have the same bytes, and the same mask.
 
-    A copy tells nothing new, and would count as a second witness. The shortest name
-    stays, of several the first.
+    A copy tells nothing new, and would count twice. The shortest name stays, of several the first.
 
     Parameters
     ----------
@@ -210,7 +209,8 @@ def read_mask(photo: Photo) -> NDArray[np.bool_] | None:
         return None
     with _opened_image(photo.mask, _bytes_of(photo.mask)) as image:
         _require_mask_size(photo.mask, image.size, photo)
-        return np.asarray(_as_rgb(photo.mask, image).any(axis=2))
+        pixels = _decoded(photo.mask, image)
+        return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2))
 
 
 def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
@@ -348,12 +348,20 @@ def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
 
 
 def _as_rgb(file: Path, image: Any) -> ColorImage:
-    """Decode it all: Pillow, unlike OpenCV, refuses a file that is cut short."""
+    pixels = _decoded(file, image)
+    if pixels.ndim == 3:
+        return pixels
+    grey = (pixels.astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def _decoded(file: Path, image: Any) -> NDArray[Any]:
+    """Red, green, blue (height, width, 3), or grey levels (height, width) of 16 bits.
+
+    All is decoded: Pillow, unlike OpenCV, refuses a file that is cut short.
+    """
     try:
-        if image.mode in _DEEP_MODES:
-            grey = (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
-            return np.repeat(grey[:, :, None], 3, axis=2)
-        return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
+        return np.asarray(image if image.mode in ("RGB", *_DEEP_MODES) else image.convert("RGB"))
     except Exception as error:  # its decoders raise whatever they stumble over
         raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
 

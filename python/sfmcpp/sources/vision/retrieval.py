@@ -171,6 +171,7 @@ def train_vocabulary(
 
     require_count("words", words)
     require_seed(seed)
+    descriptors = np.ascontiguousarray(descriptors)
     order = np.random.default_rng(seed).permutation(len(descriptors))
     # Equal ones would be one word.
     _, firsts = np.unique(descriptors[order], axis=0, return_index=True)

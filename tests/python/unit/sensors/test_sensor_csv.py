@@ -120,6 +120,7 @@ HEADER = "t [s],speed [m/s]"
         ("t [s],speed [m/s],speed [km/h]", ["0,1,1"], 1, "columns named twice: speed"),
         (HEADER, ["0,1", "0.1"], 3, "holds 1 cells: must be 2"),
         (HEADER, ["0,1", "0.1,fast"], 3, "speed is 'fast': must be a finite number"),
+        (HEADER, ["0,1", "0.1,1_0"], 3, "speed is '1_0': must be a finite number"),
         (HEADER, ["0,1", "0.1,nan"], 3, "speed is 'nan': must be a finite number"),
         (HEADER, ["0,1", "", "inf,2"], 4, "t is 'inf'"),
         (HEADER, ["0,1", ",2"], 3, "t is ''"),
@@ -207,6 +208,12 @@ def test_names_of_ros_are_columns(tmp_path: Path) -> None:
         ({"wx [rad/s]": 0}, "lacks the column wy, wz of angular_rate"),
         ({"t [s]": "Zeit", "speed [km/h]": np.nan}, "holds no column nan"),
         ({"ax [m/s^2]": "Wheel"}, "accelerations are not used"),
+        ({"t [s]": 0}, "sensor_columns: 't .s.' = 0: must be a column, as times differ"),
+        ({"t [s]": "Zeit", "speed [m/s]": None}, "'speed .m/s.' = None: must be a name or a number"),
+        (
+            {"t [s]": "Zeit", "speed [m/s]": "Wheel", "speed [km/h]": "t"},
+            "'speed .m/s.' and 'speed .km/h.' are one column",
+        ),
     ],
 )
 def test_own_names_that_cannot_be_are_refused(

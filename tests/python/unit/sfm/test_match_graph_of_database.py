@@ -127,6 +127,9 @@ def change(path: Path, statement: str) -> None:
         ("UPDATE keypoints SET rows = 1, data = x'0000c07f0000c07f' WHERE cols = 2", "keypoint 0 is impo"),
         ("UPDATE two_view_geometries SET pair_id = 7 WHERE rows > 0", "of images (0, 7): they are not in"),
         ("UPDATE two_view_geometries SET data = x'ff' WHERE rows > 0", "must have 4 rows of 8 bytes"),
+        ("UPDATE pose_priors SET position = x'0000000000408f4000000000000020400000000000006940' "
+         "WHERE coordinate_system = 0",
+         "pose_priors: image 5: latitude 1000°, longitude 8°: out of range"),
         ("DELETE FROM images; DELETE FROM keypoints; DELETE FROM two_view_geometries; DELETE FROM matches",
          "holds no images"),
     ],

@@ -64,6 +64,21 @@ def test_an_image_is_read_when_its_frame_is_asked_for_and_a_bad_one_is_left_out(
     assert len(stream) == 4
 
 
+def test_images_that_are_left_out_change_neither_what_frames_are_nor_when_they_end(
+    tmp_path: Path,
+) -> None:
+    images = write_images(tmp_path / "images", 5)
+    (images / "2.png").write_text("no picture")
+    stream, _ = open_images(images, CAMERA, fps=10.0)
+    before = stream.identity()
+    for _ in range(2):
+        assert [frame.number for frame in stream] == [0, 1, 3, 4]
+        assert stream.span_s == pytest.approx((0.0, 0.4))
+        after = stream.identity()
+        assert after.pop("camera").tolist() == stream.intrinsics.tolist()
+        assert after == {name: value for name, value in before.items() if name != "camera"}
+
+
 def test_more_than_a_tenth_of_bad_images_are_refused(tmp_path: Path) -> None:
     images = write_images(tmp_path / "images", 20)
     for number in (0, 7):

@@ -52,6 +52,7 @@ def test_numbers_far_apart_ask_for_no_room_between_them() -> None:
         ({"t_s": [0.0, 0.5, 0.5]}, r"t_s\[2\] = 0.5 s is a duplicate"),
         ({"t_s": [0.0, 0.5, 0.4]}, r"t_s\[2\] = 0.4 s is earlier"),
         ({"t_s": [[0.0, 0.5, 0.7]]}, "t_s: shape"),
+        ({"t_s": [], "frame_index": [], "track_index": [], "pixels": []}, "t_s: there is no frame"),
         ({"frame_index": [3, 0, 0, 2]}, r"frame_index: must be in \[0, 3\)"),
         ({"frame_index": [2, 0, -1, 2]}, r"frame_index: must be in \[0, 3\)"),
         ({"track_index": [7, 5, -3, 5]}, "track_index: must not be negative"),

@@ -179,6 +179,9 @@ class _Reader:
         for image, blob, covariance in self._priors(_WGS84):
             latitude, longitude, height = self._array("pose_priors", blob, 1, 3, np.float64)[0].tolist()
             if np.isfinite([latitude, longitude]).all():
+                if not (abs(latitude) <= 90 and abs(longitude) <= 180):
+                    place = f"latitude {latitude:g}°, longitude {longitude:g}°"
+                    raise self._error(f"pose_priors: image {image}: {place}: out of range")
                 yield image, ((latitude, longitude, height), self._sigmas(covariance))
 
     def _sigmas(self, covariance: object) -> _Triple | None:

@@ -69,7 +69,7 @@ def _stretch(points: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, Fl
     radius2 = x**2 + y**2
     distance2 = radius2 + z**2
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        near = radius2 < (_NEAR * z) ** 2
+        near = (z > 0) & (radius2 < (_NEAR * z) ** 2)
         series = (2.0 * intrinsics[:, 4] - 2.0 / 3.0) / z**3
         by_radius = np.where(near, series, (slope * z / distance2 - stretch) / radius2)
         return stretch, by_radius, -slope / distance2

@@ -17,8 +17,9 @@ from sfmcpp.model.checks import (
     require_positive,
     require_seed,
 )
+from sfmcpp.sensors import geodetic_of
 from sfmcpp.sources.synthetic.image_geometry import NO_DISTORTION, Distortion, ImageGeometry
-from sfmcpp.sources.synthetic.photos.photo_files import ExifContent, geodetic, write_photo
+from sfmcpp.sources.synthetic.photos.photo_files import ExifContent, write_photo
 from sfmcpp.sources.synthetic.photos.rendering import Eye
 from sfmcpp.sources.synthetic.photos.scenes import PLACES, Place
 
@@ -98,23 +99,27 @@ def render_photos(
     require_count("num_images", num_images)
     require_seed(seed)
     require_not_negative("noise", noise)
+    if gps_sigma_m is None and gps_lies:
+        raise InvalidArgument(
+            f"gps_lies = {gps_lies}: gps_sigma_m must be given, else files tell no position"
+        )
     if suffix not in (".jpg", ".png"):
         raise InvalidArgument(f"suffix = {suffix!r}: must be .jpg or .png")
-    geometry = ImageGeometry("perspective", focal_px or _FOCAL * image_size[0], image_size, distortion)
+    focal = _FOCAL * image_size[0] if focal_px is None else focal_px
+    geometry = ImageGeometry("perspective", focal, image_size, distortion)
     rng = np.random.default_rng(seed)
     place = make(num_images, rng)
     truth = _truth(place, geometry, [f"{k:04d}{suffix}" for k in range(num_images)])
     positions: list[tuple[float, float, float] | None] = [None] * num_images
     if gps_sigma_m is not None:
         gps_metres = _positions(truth, gps_sigma_m, gps_lies, gps_lie_m, rng)
-        positions = [(float(a), float(b), float(h)) for a, b, h in geodetic(gps_metres, WORLD_ORIGIN)]
-    focal = geometry.focal_px if exif_focal else None
+        positions = [(float(a), float(b), float(h)) for a, b, h in geodetic_of(gps_metres, WORLD_ORIGIN)]
     _write(
         place,
         geometry,
         Path(folder),
         truth.metadata.image_names,
-        [ExifContent(focal, p) for p in positions],
+        [ExifContent(focal if exif_focal else None, p) for p in positions],
         noise,
         rng,
     )
@@ -139,20 +144,20 @@ def _truth(place: Place, geometry: ImageGeometry, names: list[str]) -> Problem:
 
 
 def _positions(
-    truth: Problem, sigma_m: float, lies: int, lie_m: float, rng: np.random.Generator
+    truth: Problem, sigma_m: float, num_wrong: int, wrong_by_m: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Positions (C, 3) with noise, some of them lies; noted in the truth."""
+    """Positions (C, 3) with noise, some of them wrong; noted in the truth."""
     require_not_negative("gps_sigma_m", sigma_m)
-    require_positive("gps_lie_m", lie_m)
-    require_count("gps_lies", lies, 0)
-    if lies > truth.num_cameras:
-        raise InvalidArgument(f"gps_lies = {lies}: there are {truth.num_cameras} photos")
+    require_positive("gps_lie_m", wrong_by_m)
+    require_count("gps_lies", num_wrong, 0)
+    if num_wrong > truth.num_cameras:
+        raise InvalidArgument(f"gps_lies = {num_wrong}: there are {truth.num_cameras} photos")
     found: FloatArray = truth.cameras[:, :, 3] + rng.normal(0, sigma_m, (truth.num_cameras, 3))
-    liars = np.sort(rng.choice(truth.num_cameras, lies, replace=False))
-    directions = rng.standard_normal((lies, 3))
-    found[liars] += lie_m * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    wrong = np.sort(rng.choice(truth.num_cameras, num_wrong, replace=False))
+    directions = rng.standard_normal((num_wrong, 3))
+    found[wrong] += wrong_by_m * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     truth.metadata.extra["gps"] = found
-    truth.metadata.extra["gps_lies"] = [truth.metadata.image_names[k] for k in liars]
+    truth.metadata.extra["gps_lies"] = [truth.metadata.image_names[k] for k in wrong]
     return found
 
 

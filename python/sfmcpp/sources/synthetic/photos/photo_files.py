@@ -7,10 +7,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import east_north_up
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.synthetic.photos.rendering import Picture
 from sfmcpp.sources.vision.images import load_pillow
@@ -18,8 +14,6 @@ from sfmcpp.sources.vision.images import load_pillow
 _EXIF_BLOCK, _GPS_BLOCK = 0x8769, 0x8825
 _FOCAL_MM = 8
 _QUALITY = 95
-_METRES_PER_DEGREE = 111_320.0
-_GEODETIC_ITERATIONS = 6
 
 
 @dataclass(frozen=True)
@@ -86,27 +80,3 @@ def _rational(value: float) -> Any:
 
     found = Fraction(value).limit_denominator(100_000)
     return IFDRational(found.numerator, found.denominator)
-
-
-def geodetic(local: FloatArray, origin: FloatArray) -> FloatArray:
-    """Latitude, longitude [deg] and height [m] of metres east, north and up of an origin.
-
-    The inverse of :func:`sfmcpp.sensors.east_north_up`, which is nearly linear: a few corrections do.
-
-    Parameters
-    ----------
-    local : (n, 3) float64
-        East, north, up [m].
-    origin : (3,) float64
-        Latitude, longitude [deg, WGS84] and height [m].
-
-    Returns
-    -------
-    (n, 3) float64
-    """
-    shrink = np.cos(np.radians(origin[0]))
-    step = np.array([1 / _METRES_PER_DEGREE, 1 / (_METRES_PER_DEGREE * shrink), 1.0])
-    found = np.tile(origin, (len(local), 1)).astype(np.float64)
-    for _ in range(_GEODETIC_ITERATIONS):
-        found += step * (local - east_north_up(found, origin))[:, [1, 0, 2]]
-    return found

@@ -50,7 +50,7 @@ class Eye:
         self._x, self._y = self._undistorted(*np.meshgrid(x, y))
 
     def _undistorted(self, x: FloatArray, y: FloatArray) -> tuple[Samples, Samples]:
-        """Directions of rays; the radius by Newton's method."""
+        """Directions of rays; the radius by Newton's method, within the image: beyond, the lens may fold."""
         k1, k2 = self._geometry.distortion
         image = np.hypot(x, y)
         radius = image.copy()
@@ -58,6 +58,7 @@ class Eye:
             square = radius**2
             error = radius * (1 + square * (k1 + square * k2)) - image
             radius -= error / (1 + square * (3 * k1 + 5 * square * k2))
+            radius = radius.clip(0, self._geometry.corner_tangent)
         scale = radius / np.maximum(image, 1e-12)
         return (x * scale).astype(np.float32), (y * scale).astype(np.float32)
 

@@ -311,6 +311,13 @@ def test_one_of_several_topics_must_be_named(tmp_path: Path) -> None:
         unpack_bag(path, tmp_path / "other", topics=["/imu2"])
 
 
+def test_a_folder_of_ros_2_may_be_called_as_files_of_ros_1_are(tmp_path: Path) -> None:
+    made = Messages(2)
+    bag = write_bag(tmp_path / "drive.db3", made, [("/imu", made.imu(START_NS, (0, 0, 1)))])
+    found = unpack_bag(bag.rename(tmp_path / "drive.bag"), tmp_path / "out")
+    assert found.counts == {"imu": 1}
+
+
 def test_a_folder_that_holds_something_is_left_alone(tmp_path: Path) -> None:
     made, out = messages_for("bag"), tmp_path / "out"
     path = write_bag(tmp_path / "drive.bag", made, [("/imu", made.imu(START_NS, (0, 0, 1)))])

@@ -68,6 +68,16 @@ def test_derivatives_are_those_of_differences() -> None:
     np.testing.assert_allclose(by_intrinsics, np.stack(found, axis=2), rtol=1e-7, atol=1e-6)
 
 
+def test_derivatives_close_to_the_axis_behind_the_camera_are_those_of_differences() -> None:
+    points = np.array([[1e-5, 2e-5, -1.0], [2e-6, 0.0, -2.0], [0.0, -3e-5, -0.5]])
+    rows = np.tile(LENS, (len(points), 1))
+    by_point, _ = jacobians(points, rows)
+    steps = 1e-9 * np.eye(3)
+    found = [(project(points + h, rows) - project(points - h, rows)) / 2e-9 for h in steps]
+    scale = np.abs(by_point).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(by_point / scale, np.stack(found, axis=2) / scale, rtol=0, atol=1e-5)
+
+
 @pytest.mark.parametrize("format", ["colmap-text", "colmap-binary"])
 @pytest.mark.parametrize("model", PARAMS)
 def test_a_model_keeps_its_lens(tmp_path: Path, model: str, format: str) -> None:

@@ -203,6 +203,23 @@ def test_format_can_be_named_where_the_name_does_not_tell(tmp_path: Path, proble
         read(tmp_path / "data", format="xml")
 
 
+@pytest.mark.parametrize("suffix", COMPRESS)
+def test_what_is_written_under_the_name_of_a_compressed_file_is_one(
+    tmp_path: Path, problem: Problem, suffix: str
+) -> None:
+    for chosen in formats():
+        target = tmp_path / f"{chosen.name}{suffix}"
+        if chosen.writer is None or not chosen.suffixes:
+            continue
+        if chosen.name == "bal":
+            write(problem, target, format=chosen.name)
+            assert_same_problem(read(target, format=chosen.name), problem)
+        else:
+            with pytest.raises(DatasetError, match=f"format {chosen.name} is not written compressed"):
+                write(problem, target, format=chosen.name)
+            assert not target.exists()
+
+
 def test_bal_is_recognised_under_a_name_like_sbas(tmp_path: Path) -> None:
     (tmp_path / "webcams.txt").write_bytes(CONTENT)
     assert read(tmp_path / "webcams.txt").metadata.source_format == "bal"
@@ -231,6 +248,29 @@ def test_every_readable_and_writable_format_passes_problems_on(tmp_path: Path, p
     # lengths in millimetres.
     again = read(source, format="bal")
     assert_same_problem(again, problem, pixels_atol=1e-12, intrinsics_rtol=4e-16)
+
+
+@pytest.mark.parametrize("num_points", [0, 2])
+def test_a_problem_without_cameras_is_read_as_it_was_written_or_refused(
+    tmp_path: Path, num_points: int
+) -> None:
+    none, pixels = np.empty(0, np.int32), np.empty((0, 2))
+    problem = Problem(
+        "perspective", np.empty((0, 3, 4)), np.empty((0, 12)), np.zeros((num_points, 3)), none, none, pixels
+    )
+    for chosen in formats():
+        target = tmp_path / chosen.name
+        if chosen.reader is None or chosen.writer is None or chosen.name == "sba":
+            continue
+        if chosen.name == "g2o" and not num_points:
+            with pytest.raises(DatasetError, match="without cameras and without points"):
+                write(problem, target, format=chosen.name)
+            assert not target.exists()
+        else:
+            write(problem, target, format=chosen.name)
+            found = read(target, format=chosen.name)
+            assert found.num_cameras == found.num_observations == 0
+            assert found.num_points == (0 if chosen.name == "transforms" else num_points)
 
 
 def test_what_formats_lack_has_a_name_that_is_known() -> None:

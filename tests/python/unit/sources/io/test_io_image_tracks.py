@@ -159,6 +159,14 @@ def test_pixels_of_bal_are_counted_from_the_centre(tmp_path: Path) -> None:
     assert np.isnan(read_image_tracks(as_vgg(tmp_path, random_tracks())).centres).all()
 
 
+@pytest.mark.parametrize("name", ["t.txt", "t.out", "t.nvm", "t.npz"])
+def test_pixels_of_bal_cameras_are_counted_from_the_centre_in_all_formats(tmp_path: Path, name: str) -> None:
+    sfmcpp.write(sfmcpp.circle_scene(4, 30, camera_model="bal"), tmp_path / name)
+    found = read_image_tracks(tmp_path / name)
+    assert np.abs(found.pixels.mean(axis=0)).max() < 50
+    np.testing.assert_array_equal(found.centres, np.zeros((4, 2)))
+
+
 @pytest.mark.parametrize(
     ("name", "text", "reason"),
     [

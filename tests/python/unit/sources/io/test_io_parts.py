@@ -20,7 +20,7 @@ from sfmcpp.ba.parts import joined_parts, part_of
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.files import read_own_bytes
 from sfmcpp.sources.io.number_text import OwnNumbers
-from sfmcpp.sources.io.parts import LIST, PartsFolder, write_parts
+from sfmcpp.sources.io.parts import LIST, PartsFolder, read_parts, write_parts
 from test_io_npz import full_problem
 
 
@@ -170,11 +170,16 @@ def test_own_bytes_of_all_ranks_are_the_file_and_rows_are_found_in_them(seed: in
     np.testing.assert_array_equal(np.concatenate(found), expected)
 
 
-@pytest.mark.parametrize("count", [65537, 2**70])
-def test_more_files_than_a_folder_should_hold_are_refused(tmp_path: Path, count: int) -> None:
-    with pytest.raises(InvalidArgument, match=f"parts = {count}: must be at most 65536"):
-        write_parts(circle_scene(4, 20, seed=1), tmp_path / "city.parts", count)
-    assert not (tmp_path / "city.parts").exists()
+@pytest.mark.parametrize("count", [-1, 0, 65537, 2**70])
+def test_no_files_and_more_than_a_folder_should_hold_are_refused(tmp_path: Path, count: int) -> None:
+    folder, scene = tmp_path / "city.parts", circle_scene(4, 20, seed=1)
+    with pytest.raises(InvalidArgument, match=f"parts = {count}: must be from 1 to 65536"):
+        write_parts(scene, folder, count)
+    assert not folder.exists()
+    write_parts(scene, folder, 2)
+    with pytest.raises(InvalidArgument, match="must be from 1 to 65536"):
+        write_parts(scene, folder, count)
+    assert read_parts(folder).num_points == 20
 
 
 def test_nothing_but_its_name_or_its_list_makes_a_folder_one_of_parts(tmp_path: Path) -> None:

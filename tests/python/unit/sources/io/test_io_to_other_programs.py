@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import sfmcpp
 from io_helpers import assert_same_problem
@@ -51,6 +54,46 @@ def test_a_scene_is_handed_on_with_lenses_names_and_sizes(tmp_path: Path, name: 
     np.testing.assert_array_equal(again.metadata.image_sizes, [SIZE] * 3)
     if name == "cameras.sfm" and target == "again.sfm":
         np.testing.assert_array_equal(again.metadata.point_colors, problem.metadata.point_colors)
+
+
+_WITH_SIZES = ["a_sfm_data.json", "a.sfm", "transforms.json", "model"]
+
+
+@pytest.mark.parametrize("target", _WITH_SIZES)
+@pytest.mark.parametrize("source", ["image_sizes", "colmap_camera_sizes"])
+def test_sizes_of_zero_are_not_known_and_cover_the_observations(
+    tmp_path: Path, target: str, source: str
+) -> None:
+    problem = sfmcpp.circle_scene(3, 30)
+    sizes = np.array([[640, 480], [0, 480], [0, 0]])
+    if source == "image_sizes":
+        problem.metadata.image_sizes = sizes
+    else:
+        problem.metadata.extra[source] = sizes
+    write(problem, tmp_path / target)
+    seen = [np.ceil(problem.pixels[problem.camera_index == k].max(axis=0)) for k in (1, 2)]
+    found = read(tmp_path / target).metadata.image_sizes
+    np.testing.assert_array_equal(found, [[640, 480], *seen])
+
+
+@pytest.mark.parametrize("target", _WITH_SIZES)
+@pytest.mark.parametrize(
+    ("sizes", "reason"),
+    [
+        (np.ones((2, 2), int), r"metadata image_sizes is int64 \(2, 2\): must be integers \(3, 2\)"),
+        (np.array([640, 480]), r"metadata image_sizes is int64 \(2,\): must be integers \(3, 2\)"),
+        (np.full((3, 2), 640.5), "metadata image_sizes is float64"),
+        (np.full((3, 2), -1), "metadata image_sizes has -1: must be from 0 to 2147483647 px"),
+    ],
+)
+def test_sizes_that_are_none_are_refused(
+    tmp_path: Path, target: str, sizes: NDArray[Any], reason: str
+) -> None:
+    problem = sfmcpp.circle_scene(3, 30)
+    problem.metadata.image_sizes = sizes
+    with pytest.raises(DatasetError, match=reason):
+        write(problem, tmp_path / target)
+    assert not (tmp_path / target).exists()
 
 
 @pytest.mark.parametrize("name", ["sfm_data.json", "cameras.sfm"])
@@ -131,9 +174,20 @@ def test_focal_lengths_that_no_reader_takes_are_not_written(tmp_path: Path, targ
         write(problem, tmp_path / target)
 
 
-def test_what_visualsfm_cannot_name_is_refused_and_nothing_is_left(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("two\nlines", r"must not be empty, .* hold a line break"),
+        (" space before", "must not be empty, start or end with white space"),
+        ("", "must not be empty"),
+        ("#1.jpg", "must not begin with #, as comments do"),
+    ],
+)
+def test_what_visualsfm_cannot_name_is_refused_and_nothing_is_left(
+    tmp_path: Path, name: str, reason: str
+) -> None:
     problem = problem_of(tmp_path, "model.nvm")
-    problem.metadata.image_names = ["one", "two\nlines", "three"]
-    with pytest.raises(sfmcpp.DatasetError, match=r"image name 'two\\nlines': must be one line"):
+    problem.metadata.image_names = ["one", name, "three"]
+    with pytest.raises(sfmcpp.DatasetError, match=f"image name {re.escape(repr(name))} {reason}"):
         write(problem, tmp_path / "written.nvm")
     assert not (tmp_path / "written.nvm").exists()

@@ -97,6 +97,7 @@ def test_a_line_that_breaks_a_rule_is_named(tmp_path: Path, rows: str, line: int
         ("#\n# intrinsics: f=1 cx=2\nt_s,frame,track,u,v\n", 2, "the intrinsics lack cy"),
         ("# intrinsics: f=1 cx=2 cy=3 k1=0.1\nt_s,frame,track,u,v\n", 1, "'k1=0.1': must be NAME=NUMBER"),
         ("# intrinsics: f=1 cx=two cy=3\nt_s,frame,track,u,v\n", 1, "'cx=two': must be NAME=NUMBER"),
+        ("# intrinsics: f=7_00 cx=2 cy=3\nt_s,frame,track,u,v\n", 1, "'f=7_00': must be NAME=NUMBER"),
         ("# intrinsics: f=inf cx=2 cy=3\nt_s,frame,track,u,v\n", 1, "'f=inf': must be NAME=NUMBER"),
         ("# intrinsics: f=-1 cx=2 cy=3\nt_s,frame,track,u,v\n", 1, "f=-1.0 aspect=1.0: must be positive"),
         (HEAD + "# intrinsics: f=1 cx=2 cy=3\n", 2, "given twice"),

@@ -165,6 +165,7 @@ def test_it_is_a_truth_that_a_model_is_measured_against(tmp_path: Path) -> None:
     ("change", "told"),
     [
         ({"camera_model": "OPENCV_FISHEYE"}, "'OPENCV_FISHEYE': must be one of OPENCV"),
+        ({"fl_x": "8_00"}, "fl_x: '8_00': must be a finite number"),
         ({"fl_x": -1}, "fl_x = -1, fl_y = 808: must be positive"),
         ({"frames": 3}, r"frames: 3.*: must be a list"),
         ({"frames": [{"file_path": "a"}]}, r"frames\[0\]: lacks 'transform_matrix'"),

@@ -172,6 +172,7 @@ def test_columns_that_seem_to_be_deviations_are_told_where_none_are_read(
         ("IMG_1.JPG,46.1,-91.9,198.3\nIMG_2.JPG,46.2,-91.8,198.4\n", 1, "must be a header, such as name,lat"),
         ("name,lat,lon\na,1,2\n", 1, "must have name and lat, lon, height"),
         ("name,lat,lon,alt\na,1,2,3\nb,1,x,3\n", 3, "lon is 'x': must be a finite number"),
+        ("name,lat,lon,alt\na,4_6,2,1\n", 2, "lat is '4_6': must be a finite number"),
         ("name,lat,lon,alt\na,1,2,inf\n", 2, "alt is 'inf': must be a finite number"),
         ("name,lat,lon,alt\na,100,2,3\n", 2, "out of range, or swapped"),
         ("name,lat,lon,alt\na,1,2,3\na,1,2,3\n", 3, "'a' stands there twice"),
@@ -230,6 +231,12 @@ def test_the_list_of_opendronemap_is_read(tmp_path: Path) -> None:
     assert metric.positions == {"a.jpg": (500.0, 600.0, 20.0)}
     assert not metric.geodetic
     assert metric.sigmas is None
+
+
+def test_lines_of_a_geo_txt_that_begin_with_a_hash_are_comments(tmp_path: Path) -> None:
+    path = tmp_path / "geo.txt"
+    path.write_text("EPSG:32615\n# name x y z\n#left_out.jpg 1 2 3\na.jpg 500 600 20\n")
+    assert read_position_csv(path).positions == {"a.jpg": (500.0, 600.0, 20.0)}
 
 
 @pytest.mark.parametrize(

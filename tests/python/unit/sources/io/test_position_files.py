@@ -22,6 +22,13 @@ def test_a_csv_is_read_back_to_the_last_digit(tmp_path: Path, geodetic: bool) ->
     assert read_position_csv(tmp_path / "p.csv") == named
 
 
+def test_names_that_look_like_comments_or_hold_quotes_are_read_back(tmp_path: Path) -> None:
+    names = ["#1.jpg", '# "2".jpg', 'a "b".jpg', "3;4.jpg"]
+    named = NamedPositions({name: (46.5, 9.25, float(k)) for k, name in enumerate(names)}, True)
+    write_positions(tmp_path / "p.csv", named, GivenPositions({"#1.jpg": 8.5}, ["3;4.jpg"]))
+    assert read_position_csv(tmp_path / "p.csv") == named
+
+
 def test_geojson_has_the_longitude_first(tmp_path: Path) -> None:
     write_positions(tmp_path / "p.geojson", NAMED)
     content = json.loads((tmp_path / "p.geojson").read_text())

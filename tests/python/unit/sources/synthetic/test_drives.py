@@ -157,6 +157,12 @@ def test_of_a_box_one_sees_the_sides_that_face_the_eye() -> None:
     assert len(seen) == 200
 
 
+def test_a_drive_whose_camera_sees_nothing_has_no_tracks() -> None:
+    drive = vehicle_drive(60.0, max_depth_m=0.01, frame_hz=5.0)
+    assert drive.num_tracks == len(drive.frame_index) == len(drive.track_index) == len(drive.pixels) == 0
+    assert len(drive.truth) == len(drive.t_s) > 50
+
+
 @pytest.mark.parametrize(
     ("make", "options"),
     [
@@ -164,10 +170,14 @@ def test_of_a_box_one_sees_the_sides_that_face_the_eye() -> None:
         (vehicle_drive, {"speed_m_s": 0.0}),
         (table_walk, {"seconds": -1.0}),
         (table_walk, {"radius_m": np.nan}),
+        (vehicle_drive, {"seed": None}),
+        (vehicle_drive, {"tracker": 5}),
+        (table_walk, {"seed": "a"}),
+        (table_walk, {"image_size": 640}),
         (BodySensors, {"gyro_hz": 0.0}),
         (BodySensors, {"navigation_sigma_deg": -1.0}),
     ],
 )
-def test_what_cannot_be_is_refused(make: object, options: dict[str, float]) -> None:
+def test_what_cannot_be_is_refused(make: object, options: dict[str, object]) -> None:
     with pytest.raises(InvalidArgument, match=next(iter(options))):
         make(**options)  # type: ignore[operator]

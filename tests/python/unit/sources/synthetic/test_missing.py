@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,32 @@ def test_what_is_left_is_as_it_was() -> None:
     np.testing.assert_array_equal(scene.camera_index[rows], left.camera_index)
     np.testing.assert_array_equal(scene.points[scene.point_index[rows]], left.points[left.point_index])
     assert (np.bincount(left.point_index) >= 2).all()
+
+
+def test_what_belongs_to_cameras_points_and_observations_goes_with_them() -> None:
+    scene = sfmcpp.circle_scene(6, 50)
+    scene.metadata.point_colors = np.arange(150, dtype=np.uint8).reshape(50, 3)
+    full = replace(
+        scene,
+        intrinsics=np.stack([scene.intrinsics[0] * factor for factor in (1.0, 2.0)]),
+        intrinsics_index=np.array([1, 0, 1, 0, 1, 0], np.int32),
+        fixed_intrinsics=None,
+        sigma_px=np.arange(1.0, scene.num_observations + 1),
+        fixed_cameras=np.arange(6) == 2,
+        fixed_points=np.arange(50) % 3 == 0,
+    )
+    left = hide_observations(full, 0.7, pattern="scattered", seed=1)
+    assert left.num_points < 50
+    place = {tuple(point): row for row, point in enumerate(full.points.tolist())}
+    points = [place[tuple(point)] for point in left.points.tolist()]
+    place = {tuple(pixel): row for row, pixel in enumerate(full.pixels.tolist())}
+    views = [place[tuple(pixel)] for pixel in left.pixels.tolist()]
+    np.testing.assert_array_equal(left.intrinsics, full.intrinsics)
+    np.testing.assert_array_equal(left.intrinsics_index, full.intrinsics_index)
+    np.testing.assert_array_equal(left.sigma_px, full.sigma_px[views])
+    np.testing.assert_array_equal(left.fixed_cameras, full.fixed_cameras)
+    np.testing.assert_array_equal(left.fixed_points, full.fixed_points[points])
+    np.testing.assert_array_equal(left.metadata.point_colors, full.metadata.point_colors[points])
 
 
 def test_bad_arguments_are_named() -> None:

@@ -10,7 +10,7 @@ import pytest
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import east_north_up
-from sfmcpp.sources.synthetic.image_geometry import UP, ImageGeometry, looking_at
+from sfmcpp.sources.synthetic.image_geometry import UP, ImageGeometry, distort, looking_at
 from sfmcpp.sources.synthetic.photos import PLACES, WORLD_ORIGIN, render_photos
 from sfmcpp.sources.synthetic.photos.faces import GREY, Face, Painter, Texture, noise_texture, plain_texture
 from sfmcpp.sources.synthetic.photos.rendering import Eye
@@ -50,6 +50,19 @@ def test_a_patch_is_seen_where_the_camera_model_projects_it(distortion: tuple[fl
         y, x = np.mgrid[: SIZE[1], : SIZE[0]] + 0.5
         weight = grey[:, :, 0] / grey[:, :, 0].sum()
         assert np.allclose([(x * weight).sum(), (y * weight).sum()], pixel[0], atol=0.05)
+
+
+@pytest.mark.parametrize("distortion", [(-0.2, 0.05), (0.3, -0.05), (1.186, -1.0947)])
+def test_rays_end_in_their_pixels_however_the_lens_folds_beyond_the_image(
+    distortion: tuple[float, float],
+) -> None:
+    geometry = ImageGeometry("perspective", 42.05, (64, 48), distortion)
+    eye = Eye(geometry)
+    tangents = np.stack([eye._x.ravel(), eye._y.ravel()], axis=1).astype(np.float64)
+    pixels = geometry.focal_px * distort(tangents, distortion) + geometry.principal_point_px
+    down, across = np.indices(eye._x.shape)
+    expected = (np.stack([across.ravel(), down.ravel()], axis=1) + 0.5) / 2
+    np.testing.assert_allclose(pixels, expected, rtol=0, atol=1e-4)
 
 
 def test_the_nearer_face_hides_the_other_and_backs_are_not_seen() -> None:
@@ -140,7 +153,15 @@ def test_photos_of_a_place_show_something_and_differ(name: str, tmp_path: Path) 
 
 @pytest.mark.parametrize(
     "options",
-    [{"num_images": 0}, {"suffix": ".gif"}, {"noise": -1}, {"gps_sigma_m": 1, "gps_lies": 9}, {"seed": -1}],
+    [
+        {"num_images": 0},
+        {"suffix": ".gif"},
+        {"noise": -1},
+        {"gps_sigma_m": 1, "gps_lies": 9},
+        {"gps_lies": 1},
+        {"focal_px": 0.0},
+        {"seed": -1},
+    ],
 )
 def test_what_makes_no_sense_is_refused(options: dict[str, float], tmp_path: Path) -> None:
     with pytest.raises(InvalidArgument):

@@ -82,6 +82,13 @@ def test_distortion_moves_the_pixels_by_its_polynomial(name: str) -> None:
     assert np.abs(distorted.pixels / focal_px - offsets).max() > 1e-4
 
 
+@pytest.mark.parametrize("seed", [None, -1, 1.5, "a"])
+@pytest.mark.parametrize("name", SCENES)
+def test_what_seeds_nothing_is_refused(name: str, seed: object) -> None:
+    with pytest.raises(InvalidArgument, match=r"seed = .*: must be an integer"):
+        SCENES[name](seed=seed)
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_the_seed_decides_everything(name: str) -> None:
     first, again, other = (scene(name, seed=seed) for seed in (6, 6, 7))

@@ -142,6 +142,13 @@ def test_no_more_than_wanted_are_kept_and_all_parts_of_the_photo_have_some(kind:
 
 
 @pytest.mark.parametrize("kind", FEATURE_KINDS)
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_very_few_features_can_be_asked_for(kind: str, count: int) -> None:
+    picture = texture(200, 300, seed=3)
+    assert len(detect_in(picture, settings=FeatureSettings(kind, max_features=count))) == count
+
+
+@pytest.mark.parametrize("kind", FEATURE_KINDS)
 def test_a_photo_without_texture_has_no_features(kind: str) -> None:
     found = detect_in(np.full((70, 90, 3), 128, np.uint8), settings=FeatureSettings(kind))
     shapes = [getattr(found, name).shape for name in COLUMNS]
@@ -169,6 +176,24 @@ def test_colours_are_those_of_the_pixel_below_each_feature() -> None:
     found = detect_in(picture)
     columns, rows = np.floor(found.pixels).astype(int).T
     np.testing.assert_array_equal(found.colors, picture[rows, columns])
+
+
+@pytest.mark.parametrize(
+    ("color", "mask", "message"),
+    [
+        (np.zeros((40, 60), np.uint8), None, r"color: uint8 \(40, 60\), must be uint8 \(height, width, 3\)"),
+        (np.zeros((40, 60, 3)), None, r"color: float64 \(40, 60, 3\)"),
+        (np.zeros((0, 60, 3), np.uint8), None, r"color: uint8 \(0, 60, 3\)"),
+        (texture(40, 60), np.ones((40, 60), np.uint8), r"mask: uint8 \(40, 60\), must be bool \(40, 60\)"),
+        (texture(40, 60), np.ones((80, 60), np.bool_), r"mask: bool \(80, 60\), must be bool \(40, 60\)"),
+    ],
+)
+@pytest.mark.parametrize("kind", FEATURE_KINDS)
+def test_pixels_and_masks_of_another_kind_are_refused(
+    kind: str, color: NDArray[Any], mask: NDArray[Any] | None, message: str
+) -> None:
+    with pytest.raises(InvalidArgument, match=message):
+        detect_in(color, mask, FeatureSettings(kind))
 
 
 def test_a_file_gives_what_its_pixels_and_mask_give(tmp_path: Path) -> None:

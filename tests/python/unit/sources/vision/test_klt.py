@@ -187,7 +187,17 @@ def test_no_frame_and_frames_smaller_than_the_window_have_no_tracks() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("columns", 0), ("window_px", 20), ("levels", -1), ("forward_backward_px", 0.0), ("quality", 1.0)],
+    [
+        ("columns", 0),
+        ("columns", 1.5),
+        ("per_cell", 2.0),
+        ("window_px", 20),
+        ("window_px", 21.0),
+        ("levels", -1),
+        ("levels", 1.5),
+        ("forward_backward_px", 0.0),
+        ("quality", 1.0),
+    ],
 )
 def test_settings_that_cannot_be_are_refused_by_name(name: str, value: float) -> None:
     with pytest.raises(InvalidArgument, match=rf"^{name} = {value}: must be"):

@@ -94,3 +94,11 @@ def test_arrays_that_do_not_go_together_are_named(second: Bytes, named: str) -> 
         match(random_descriptors(0, 4), second)
     with pytest.raises(InvalidArgument, match=r"ratio = 1.5"):
         match(random_descriptors(0, 4), random_descriptors(1, 4), ratio=1.5)
+
+
+@pytest.mark.parametrize("width", [128, 2048])
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 0.4, 0.8])
+def test_a_nearest_neighbour_without_a_second_passes_any_ratio(ratio: float, width: int) -> None:
+    dark, bright = np.zeros((1, width), np.uint8), np.full((1, width), 255, np.uint8)
+    for mutual in (True, False):
+        assert match(dark, bright, ratio=ratio, mutual=mutual).tolist() == [[0, 0]]

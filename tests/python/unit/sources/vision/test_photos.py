@@ -247,6 +247,17 @@ def test_masks_are_found_by_either_name_and_are_no_photos_themselves(tmp_path: P
     assert read_mask(c) is None
 
 
+@pytest.mark.parametrize("level", [1, 255, 256, 65535])
+def test_a_mask_of_16_bits_is_black_where_it_is_zero(tmp_path: Path, level: int) -> None:
+    write_photo(tmp_path / "photos/a.png", SMALL)
+    light = np.zeros(SMALL.shape[:2], np.bool_)
+    light[10:, 20:] = True
+    (tmp_path / "masks").mkdir()
+    Image.fromarray((level * light).astype(np.uint16)).save(tmp_path / "masks/a.png")
+    (photo,) = open_photos(tmp_path / "photos", masks=tmp_path / "masks").photos
+    np.testing.assert_array_equal(read_mask(photo), light)
+
+
 def test_wrong_masks_are_refused(tmp_path: Path) -> None:
     write_photo(tmp_path / "photos/a.jpg", SMALL)
     masks = tmp_path / "masks"

@@ -134,3 +134,10 @@ def _sift(width: int) -> Callable[[Path], Features]:
         return Features(features.pixels, scales, features.angles, features.colors, features.descriptors)
 
     return detect
+
+
+def test_a_vocabulary_does_not_depend_on_how_its_descriptors_lie_in_memory() -> None:
+    rows = np.random.default_rng(0).integers(0, 256, (80, 16)).astype(np.uint8)
+    expected = train_vocabulary(rows, 6, seed=1)
+    for stored in (np.asfortranarray(rows), np.repeat(rows, 2, axis=0)[::2]):
+        np.testing.assert_array_equal(train_vocabulary(stored, 6, seed=1), expected)

@@ -30,6 +30,22 @@ def test_what_is_written_reads_back_the_same(tmp_path: Path, format: str) -> Non
         np.testing.assert_allclose(found.t_s, truth.t_s, rtol=0, atol=3e-7 if format == "euroc" else 0)
 
 
+@pytest.mark.parametrize("suffix", [".gz", ".bz2", ".xz"])
+@pytest.mark.parametrize("format", ["tum", "kitti", "euroc"])
+def test_what_is_written_is_compressed_as_its_name_says(tmp_path: Path, format: str, suffix: str) -> None:
+    written, file = path(8, seed=2), tmp_path / f"t{'.csv' if format == 'euroc' else '.txt'}{suffix}"
+    write_trajectory(written, file, format=format)
+    np.testing.assert_allclose(read_trajectory(file).poses, written.poses, atol=1e-12)
+
+
+@pytest.mark.parametrize("t_s", [[0.0, 1e-10], [0.0, 1.4e12]])
+def test_times_that_whole_nanoseconds_cannot_hold_are_refused(tmp_path: Path, t_s: list[float]) -> None:
+    written = Trajectory(np.array(t_s), np.tile(np.eye(3, 4), (2, 1, 1)))
+    with pytest.raises(DatasetError, match=r"t_s\[1\] is .*: must be whole nanoseconds in 64 bits"):
+        write_trajectory(written, tmp_path / "t.csv", format="euroc")
+    assert not (tmp_path / "t.csv").exists()
+
+
 def test_each_format_orders_the_quaternion_as_its_own_definition(tmp_path: Path) -> None:
     x, y, z, w = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_quat().tolist()
     expected = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
@@ -74,6 +90,7 @@ GOOD = "1 0 0 0 0 0 0 1"
         ("t.txt", [GOOD, "0.5 0 0 0 0 0 0 1"], 2, r"time 0\.5 s: must be later"),
         ("t.txt", ["1 0 0 0 0 1 0 0 0 0 1 0", "1 0 0 0 0 1 0 0 0 0 -1 0"], 2, "no rotation"),
         ("t.txt", ["1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 2"], 1, "must be 0 0 0 1"),
+        ("t.txt", [f"{k} 1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1" for k in (3, 5, 4)], 3, "frame 4: must increase"),
         ("t.csv", ["1,0,0,0,1,0,0"], 1, "holds 7 numbers: must be 8 or more"),
         ("t.txt", ["# nothing"], None, "holds no poses"),
         ("t.mat", ["1 2 3"], None, "not a MATLAB file"),
