@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
-from sfmcpp.model import Problem, ResidualGroup, Rigs
+from sfmcpp.model import ConstraintGroup, Problem, ResidualGroup, Rigs, constraint_kind
 from sfmcpp.model.arrays import IndexArray
+from sfmcpp.model.residual_group import Group
 
 # Three points determine a similarity, or a pose; one wrong among k is told from the others if the k − 1 that
 # are left still have one to spare: k = 3 + 2.
 POINTS_TO_TELL_AN_OUTLIER = 5
+_ROTATION = (3, 3)
 
 
 def connections(case: Case) -> Iterator[Finding]:
@@ -29,8 +31,8 @@ def connections(case: Case) -> Iterator[Finding]:
 def parts(case: Case) -> NDArray[np.int64]:
     """(C,) part of each camera, the one of most observations first; −1 for cameras that see nothing.
 
-    Cameras that are fixed, tied by a constraint to the world or to each other, or of one rigid frame are of
-    one part.
+    Cameras that are fixed, tied by a constraint to a place in the world or to each other, or of one rigid
+    frame are of one part.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -47,7 +49,7 @@ def _relative_constraints(case: Case) -> list[tuple[int, int]]:
     absolute: list[NDArray[np.integer]] = [np.flatnonzero(case.problem.fixed_cameras)]
     pairs: list[tuple[int, int]] = []
     for group in case.constraints:
-        if group.weight <= 0 or group.cameras is None:
+        if group.weight <= 0 or group.cameras is None or not _is_on_places(group):
             continue
         if group.cameras.ndim == 1 and isinstance(group, ResidualGroup) and group.points is not None:
             pairs += _edges_to_observers(case.problem, group.cameras, group.points)
@@ -57,6 +59,14 @@ def _relative_constraints(case: Case) -> list[tuple[int, int]]:
             pairs += [(int(a), int(b)) for a, b in group.cameras]
     held = np.concatenate(absolute)
     return pairs + _edges_of_frames(case.problem.rigs) + [(int(held[0]), int(k)) for k in held[1:]]
+
+
+def _is_on_places(group: Group) -> bool:
+    """Whether a group says where cameras are, not only how they are turned or what their intrinsics are."""
+    if not isinstance(group, ConstraintGroup):
+        return True
+    kind = constraint_kind(group.kind)
+    return kind.on_poses and kind.values != _ROTATION
 
 
 def _edges_to_observers(problem: Problem, cameras: IndexArray, points: IndexArray) -> list[tuple[int, int]]:

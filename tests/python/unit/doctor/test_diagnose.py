@@ -306,6 +306,24 @@ def test_a_diagnosis_shows_itself_in_one_line_and_in_a_notebook_as_its_list() ->
     assert found._repr_html_().startswith(opening)
 
 
+@pytest.mark.parametrize("kind", ["focal", "principal-point", "orientation", "displacement-rotation"])
+def test_parts_stay_apart_where_a_constraint_says_nothing_of_places(kind: str) -> None:
+    problem = halves(scene(), 0)
+    cameras = np.arange(problem.num_cameras)
+    turns = np.swapaxes(problem.rotations[:-1], 1, 2) @ problem.rotations[1:]
+    groups = {
+        "focal": ConstraintGroup("focal", cameras, problem.intrinsics[:, 0]),
+        "principal-point": ConstraintGroup("principal-point", cameras, problem.intrinsics[:, 2:4]),
+        "orientation": ConstraintGroup("orientation", cameras, problem.rotations),
+        "displacement-rotation": ConstraintGroup(
+            "displacement-rotation", np.stack([cameras[:-1], cameras[1:]], axis=1), turns
+        ),
+    }
+    assert "disconnected-parts" in diagnose(problem, constraints=[groups[kind]]).codes
+    places = positions(problem, cameras.tolist())
+    assert "disconnected-parts" not in diagnose(problem, constraints=[groups[kind], places]).codes
+
+
 def far_away(problem: Problem) -> Problem:
     """The whole scene far from the origin."""
     problem.points += 1e9
