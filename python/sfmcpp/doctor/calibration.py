@@ -118,12 +118,12 @@ def _with_free_calibration(problem: Problem) -> Problem:
 
 
 def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
-    """Whether the squared error falls far more than by as many meaningless parameters per row."""
+    """Whether the squared error falls far more than by as many meaningless parameters per row that is seen."""
     squares = [squared_error(case, t) for t in (given, freed)]
     problem = freed.problem
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
     redundancy = max(2 * problem.num_observations - 6 * cameras - 3 * points, 1)
-    count = parameters * len(problem.intrinsics)
+    count = parameters * len(np.unique(problem.intrinsics_index[problem.camera_index]))
     return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy
 
 
