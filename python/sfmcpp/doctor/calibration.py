@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.case import Case, without_single_views
+from sfmcpp.doctor.case import Case, image_sizes_px, without_single_views
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.doctor.trial import Trial, adjusted
@@ -188,9 +188,9 @@ def _principal_points_near_border(case: Case) -> Iterator[Finding]:
 
 def _image_centre_px(problem: Problem) -> FloatArray:
     """The middle of the images by their sizes; else of the box around nearly all pixels [px]."""
-    sizes = problem.metadata.image_sizes
-    if sizes is not None and len(sizes) == problem.num_cameras:
-        return np.asarray(np.median(np.asarray(sizes)[problem.camera_index], axis=0) / 2)
+    sizes = image_sizes_px(problem)
+    if len(sizes):
+        return np.asarray(np.median(sizes, axis=0) / 2)
     return np.asarray(np.quantile(problem.pixels, (0.01, 0.99), axis=0).mean(axis=0))
 
 

@@ -166,6 +166,15 @@ def extent_px(problem: Problem) -> float:
     return float(np.ptp(np.quantile(problem.pixels, (0.01, 0.99), axis=0), axis=0).max())
 
 
+def image_sizes_px(problem: Problem) -> FloatArray:
+    """(M, 2) width and height of the image of each observation [px]; none where one of them is not known."""
+    sizes = problem.metadata.image_sizes
+    if sizes is None or len(sizes) != problem.num_cameras:
+        return np.zeros((0, 2))
+    found = np.asarray(sizes, dtype=np.float64)[problem.camera_index]
+    return found if (found > 0).all() else np.zeros((0, 2))
+
+
 def observation_keys(problem: Problem) -> NDArray[np.int64]:
     """(M,) a number for each camera and point: the same ones have the same."""
     return problem.camera_index.astype(np.int64) * max(problem.num_points, 1) + problem.point_index

@@ -324,6 +324,14 @@ def test_parts_stay_apart_where_a_constraint_says_nothing_of_places(kind: str) -
     assert "disconnected-parts" not in diagnose(problem, constraints=[groups[kind], places]).codes
 
 
+def test_images_of_unknown_size_say_nothing_of_their_middle_or_edge() -> None:
+    problem = circle_scene(12, 200, pixel_sigma_px=0.5, seed=0)
+    problem.metadata.image_sizes = np.zeros((12, 2), dtype=np.int64)  # as COLMAP and tracks have it
+    assert diagnose(problem).codes == ["gauge-freedoms"]
+    problem.pixels[:, 1] = 2 * problem.intrinsics[0, 3] - problem.pixels[:, 1]
+    assert diagnose(problem).codes[0] == "mirrored-y"
+
+
 def far_away(problem: Problem) -> Problem:
     """The whole scene far from the origin."""
     problem.points += 1e9
