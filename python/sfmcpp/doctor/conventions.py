@@ -224,7 +224,7 @@ def _best_convention(
 ) -> tuple[Convention, float, float] | None:
     """The first of the conventions that fit best: symmetric scenes do not distinguish some of them."""
     medians = np.array([judge(convention) for convention in CONVENTIONS])
-    best = int(np.argmax(medians < _AS_WELL * medians.min()))
+    best = int(np.argmax(medians <= _AS_WELL * medians.min()))
     extent = extent_px(CONVENTIONS[best].read(case.sample))
     if not medians[best] * _BETTER < before or medians[best] > extent / 4:
         return None

@@ -332,6 +332,21 @@ def test_images_of_unknown_size_say_nothing_of_their_middle_or_edge() -> None:
     assert diagnose(problem).codes[0] == "mirrored-y"
 
 
+def test_a_convention_is_found_where_it_explains_the_images_to_the_last_bit() -> None:
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.integers(-4, 5, (60, 2)), rng.choice([4, 8], 60)].astype(np.float64)
+    cameras = np.tile(np.eye(3, 4), (6, 1, 1))
+    cameras[:, :2, 3] = rng.integers(-2, 3, (6, 2))
+    camera, point = np.divmod(np.arange(360), 60)
+    offset = points[point] - cameras[camera, :, 3]
+    pixels = 512 * offset[:, :2] / offset[:, 2:] + [320, 240]
+    intrinsics = np.tile([512.0, 1.0, 320.0, 240.0, 0.0], (6, 1))
+    problem = Problem("calibrated", cameras, intrinsics, points, camera, point, pixels)
+    assert not sfmcpp.residuals(problem).any()
+    problem.pixels = np.ascontiguousarray(pixels[:, ::-1])
+    assert diagnose(problem).codes[0] == "swapped-pixels"
+
+
 def far_away(problem: Problem) -> Problem:
     """The whole scene far from the origin."""
     problem.points += 1e9
