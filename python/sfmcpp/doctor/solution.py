@@ -161,7 +161,7 @@ def depth_reversed(problem: Problem) -> Problem:
 
     It is the other solution of images with little perspective (Koenderink and van Doorn, Affine structure
     from motion, 1991): ``R ← M R diag(1, 1, −1)`` with the mirror M, and the middle of the points stays
-    where it is in every camera.
+    where it is in every camera; of rigs the frames are where their cameras have it in the mean.
     """
     axis = problem.rotations[:, :, 2].sum(axis=0)
     axis = axis / (np.linalg.norm(axis) or 1.0)
@@ -172,6 +172,8 @@ def depth_reversed(problem: Problem) -> Problem:
     centres = middle - np.einsum("cij,cj->ci", rotations, in_camera)
     free = ~problem.fixed_cameras[:, None, None]
     cameras = np.concatenate([rotations, centres[:, :, None]], axis=2)
+    if problem.rigs is not None:
+        cameras = problem.rigs.rigid(cameras)
     points = middle + (problem.points - middle) @ mirror
     return replace(
         problem,

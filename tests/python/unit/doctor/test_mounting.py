@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 import sfmcpp
 from sfmcpp import Problem, Rigs
 from sfmcpp.doctor import repair
+from sfmcpp.doctor.solution import depth_reversed
 from sfmcpp.model.rigs import composed
 
 FRAMES, POINTS, FOCAL, SIZE = 12, 400, 600.0, (640, 480)
@@ -130,3 +131,12 @@ def test_intrinsics_are_examined_beside_a_sensor_that_nothing_tells() -> None:
     found = sfmcpp.diagnose(problem)
     assert "undetermined-sensors" in found.codes
     assert not found.skipped
+
+
+def test_minima_near_a_solution_with_rigs_are_looked_for() -> None:
+    problem = sfmcpp.rig_walk_scene(24, 1500, seed=0)
+    summary = sfmcpp.solve(problem)
+    assert not sfmcpp.diagnose(problem, summary=summary).skipped
+    inside_out = depth_reversed(problem)
+    assert inside_out.rigs is not None
+    assert np.abs(inside_out.rigs.rigid(inside_out.cameras) - inside_out.cameras).max() < 1e-9
