@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfmcpp import CheckpointFolder, DatasetError, Problem, circle_scene
+from sfmcpp import CheckpointFolder, DatasetError, Problem, circle_scene, solve
 from sfmcpp.ba.checkpoints import RankCheckpoints, facts_of_run
 from sfmcpp.ba.parts import OwnParts, gathered, part_of
 from sfmcpp.ba.ranks import Ranks
@@ -71,3 +71,14 @@ def test_checkpoints_of_which_no_rank_has_the_same_are_refused(tmp_path: Path) -
             RankCheckpoints(None, CheckpointFolder(tmp_path), lambda: dict(FACTS), 0, ranks)
 
     on_thread_ranks(2, resume)
+
+
+class _Counted(CheckpointFolder):
+    def __len__(self) -> int:
+        return len(self.sequences())
+
+
+def test_a_store_that_has_a_length_is_one_before_it_has_a_checkpoint(tmp_path: Path) -> None:
+    problem = circle_scene(6, 40, pixel_sigma_px=0.5, seed=0)
+    solve(problem.copy(), checkpoint=_Counted(tmp_path / "kept", every_s=0.0), max_iterations=1)
+    assert solve(problem, resume=_Counted(tmp_path / "kept")).converged
