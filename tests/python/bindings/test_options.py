@@ -142,3 +142,9 @@ def test_a_cost_refuses_the_scales_that_a_solve_refuses(problem: Problem, loss: 
     for scale in (0.0, -1.0, float("nan")):
         with pytest.raises(InvalidArgument, match="loss_scale_px = .*: must be positive and finite"):
             sfmcpp.cost(problem, loss=loss, loss_scale_px=scale)
+
+
+def test_an_option_that_there_is_not_is_refused_where_it_is_set() -> None:
+    options = sfmcpp.SolveOptions()
+    with pytest.raises(AttributeError, match="no option 'max_iteration': options are method, "):
+        options.max_iteration = 3  # type: ignore[attr-defined]
