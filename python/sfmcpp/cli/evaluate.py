@@ -131,8 +131,7 @@ def _evaluated(
 
     AlignmentRule.parse(options["align_to"])
     _require_trajectories(ours[0], *true)
-    for source, _ in (ours, true):
-        targets.check(source)
+    targets.check(ours[0], true[0])
     read = [read_trajectory(path, format=name) for path, name in (ours, true)]
     try:
         return evaluate(*read, **options)
@@ -141,7 +140,6 @@ def _evaluated(
 
 
 def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> None:
-
     if ours.exists() and true_format is None and names_images(true):
         raise DatasetError(
             ours,
@@ -240,8 +238,7 @@ def _evaluated_model(
     if options["align_to"] not in MODEL_ALIGNMENTS:
         known = ", ".join(MODEL_ALIGNMENTS)
         raise InvalidArgument(f"align = {options['align_to']!r}: must be one of {known} for a model")
-    for source in (model, truth, model / "report.json"):
-        targets.check(source)
+    targets.check(model, truth, model / "report.json")
     ours, true = read_image_poses(model), read_truth(truth, truth_format)
     wanted = {name: options[name] for name in ("align_to", "with_scale", "align_by")}
     if options["max_difference_s"] is not None:
