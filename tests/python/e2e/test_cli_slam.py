@@ -195,6 +195,12 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         ),
         (["drive.csv", *OUT, *ODOMETER, "--clock-offset", "nan"], "clock_offset_s = nan: must be finite"),
         (["drive.csv", *OUT, "--weights", "loo"], "'loo': there is no --sensor to weigh"),
+        (["drive.csv", *OUT, "--weight-bounds", "none"], "'none': there is no --sensor to weigh"),
+        (["drive.csv", *OUT, "--clock-offset", "0.5"], "0.5: there is no --sensor with a clock"),
+        (
+            ["drive.csv", *OUT, *ODOMETER, "--sensor-sigma", "odometer=1", "--sensor-sigma", "odometer=2"],
+            "'odometer' is named twice",
+        ),
         (["drive.csv", *OUT, "--window", "1"], "window = 1: must be at least 2"),
     ],
 )
