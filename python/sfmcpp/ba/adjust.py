@@ -32,8 +32,8 @@ _LARGEST_CHANGE = 1e-10
 _LARGEST_DERIVATIVE_ERROR = 1e-3
 _LITTLE_WEIGHT, _LARGEST_SHARE = 0.1, 0.5
 # Tukey's weight is little from 0.83 of its scale on, that of all others with a name only farther out. If most
-# errors are as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to be
-# counted. Of a function nobody knows where its weight falls.
+# errors are as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to
+# be counted. Of a function nobody knows where its weight falls.
 _LEAST_RMS = 0.4
 
 

@@ -278,7 +278,7 @@ def gathered(parts: OwnParts, ranks: Ranks) -> Problem | None:
 
 
 def _with_uncertainty_as_all(mine: Problem, ranks: Ranks) -> Problem:
-    """The part with standard deviations or covariances, equal to what it says, if any of the ranks has them."""
+    """The part, with standard deviations or covariances that say the same if any of the ranks has them."""
     own = mine.uncertainty
     some = ranks.everyones((own.sigma_px is not None, own.covariance_px2 is not None))
     with_sigmas, with_covariances = map(any, zip(*some, strict=True))

@@ -118,7 +118,7 @@ def _with_free_calibration(problem: Problem) -> Problem:
 
 
 def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
-    """Whether the squared error falls far more than by as many meaningless parameters per row that is seen."""
+    """Whether the squared error falls far more than by as many meaningless parameters per row in use."""
     squares = [squared_error(case, t) for t in (given, freed)]
     problem = freed.problem
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))

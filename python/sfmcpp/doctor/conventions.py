@@ -82,7 +82,9 @@ def mirrored_y(problem: Problem) -> Problem:
     sizes = image_sizes_px(problem)
     if not len(sizes) or problem.camera_model == "bal":
         return _with_pixels(lambda x, k: np.column_stack([x[:, 0], 2 * k[:, 3] - x[:, 1]]))(problem)
-    return replace(problem, pixels=np.column_stack([problem.pixels[:, 0], sizes[:, 1] - problem.pixels[:, 1]]))
+    return replace(
+        problem, pixels=np.column_stack([problem.pixels[:, 0], sizes[:, 1] - problem.pixels[:, 1]])
+    )
 
 
 def fy_for_aspect(problem: Problem) -> Problem:

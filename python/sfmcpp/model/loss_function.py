@@ -21,8 +21,8 @@ _NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(_TERMS) / (_TERMS - 1))
 _TESTS = 0.5 * (_NODES[1:] + _NODES[:-1])
 _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 _AT_TESTS = np.vander(_TESTS, _TERMS, increasing=True)
-# Where the core refuses weights below zero, by more than a part of the largest coefficient (residuals/loss.cpp);
-# half of that part here, as it sums in another order.
+# Where the core refuses weights below zero, by more than a part of the largest coefficient
+# (residuals/loss.cpp); half of that part here, as it sums in another order.
 _AT_CHECKS = np.vander(np.linspace(0.0, 1.0, 9), _TERMS, increasing=True)
 _BELOW_ZERO = 0.5e-9
 _OCTAVES = np.concatenate([[0.0], np.exp2(np.arange(-20.0, 101.0))])  # of s, before cells are halved

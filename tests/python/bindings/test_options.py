@@ -140,7 +140,7 @@ def test_options_read_back_what_was_set() -> None:
 @pytest.mark.parametrize("loss", ["squared", "huber"])
 def test_a_cost_refuses_the_scales_that_a_solve_refuses(problem: Problem, loss: str) -> None:
     for scale in (0.0, -1.0, float("nan")):
-        with pytest.raises(InvalidArgument, match="loss_scale_px = .*: must be positive and finite"):
+        with pytest.raises(InvalidArgument, match=r"loss_scale_px = .*: must be positive and finite"):
             sfmcpp.cost(problem, loss=loss, loss_scale_px=scale)
 
 

@@ -60,7 +60,9 @@ def test_a_file_of_the_survey_is_never_replaced(
 ) -> None:
     source, table, _ = survey
     if option == "--gps":
-        table.write_text("name,x,y,z\n" + "".join(f"IMG_{k:03d}.jpg,{k % 7},{k % 5},{k}\n" for k in range(30)))
+        table.write_text(
+            "name,x,y,z\n" + "".join(f"IMG_{k:03d}.jpg,{k % 7},{k % 5},{k}\n" for k in range(30))
+        )
     before = table.read_bytes()
     refused = run_here("solve", source, option, table, target, table)
     assert (refused.returncode, table.read_bytes() == before) == (2, True)

@@ -44,7 +44,10 @@ def test_of_a_loss_that_is_a_function_the_weights_count_not_its_scale() -> None:
     narrow = sfmcpp.LossFunction(
         lambda s: (1 - np.maximum(1 - 100 * s, 0) ** 3) / 300, lambda s: np.maximum(1 - 100 * s, 0) ** 2
     )
-    summaries = [sfmcpp.solve(start(0.0), loss=narrow), sfmcpp.solve(start(0.0), loss="tukey", loss_scale_px=0.1)]
+    summaries = [
+        sfmcpp.solve(start(0.0), loss=narrow),
+        sfmcpp.solve(start(0.0), loss="tukey", loss_scale_px=0.1),
+    ]
     own, named = ([w.split("%")[0] for w in summary.warnings if TOLD in w] for summary in summaries)
     assert own == named
     assert len(own) == 1
