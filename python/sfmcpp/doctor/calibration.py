@@ -33,7 +33,7 @@ _MOST = 0.5
 # Terms of a lens stand in for each other: what one leaves open another takes up.
 _LENS = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
 # Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
-_RIDGE = 1e-12
+RIDGE = 1e-12
 
 
 def focal_signs(case: Case) -> Iterator[Finding]:
@@ -216,7 +216,7 @@ def undetermined(case: Case) -> Iterator[Finding]:
     try:
         # Sensors are looked at by themselves.
         model = LinearModel(
-            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), _RIDGE
+            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), RIDGE
         )
         cameras = _chosen_cameras(trial.problem)
         unknown = _undetermined_intrinsics(case, trial, model, cameras)
