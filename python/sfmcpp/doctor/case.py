@@ -69,7 +69,8 @@ class Case:
     def sigma_px(self) -> float:
         """Median stated standard deviation of the pixels; one where none is stated [px]."""
         uncertainty = self.problem.uncertainty
-        return float(np.median(Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px))
+        stated = Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px
+        return float(np.median(stated)) if len(stated) else 1.0
 
     @cached_property
     def views_of_points(self) -> NDArray[np.int64]:

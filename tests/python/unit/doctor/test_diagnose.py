@@ -202,6 +202,7 @@ WEIRD = {
     "points alone": lambda: empty(points=3),
     "cameras alone": lambda: empty(cameras=3),
     "no observations": lambda: empty(points=3, cameras=2),
+    "no observations with a σ": lambda: replace(empty(points=3, cameras=2), sigma_px=np.zeros(0)),
     "all fixed": all_fixed,
     "one camera": one_camera,
     "one point": one_point,
