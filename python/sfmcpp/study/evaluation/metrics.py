@@ -219,12 +219,12 @@ def _pairs_by_path(path: FloatArray, delta: float) -> NDArray[np.int64]:
 
 
 def _all_pairs_by_path(path: FloatArray, delta: float, relative_tolerance: float) -> NDArray[np.int64]:
-    """Each pose with the later one whose distance along the path is nearest to `delta`."""
-    wanted = path[:-1] + delta
-    after = np.clip(np.searchsorted(path, wanted), np.arange(1, len(path)), len(path) - 1)
-    before = np.maximum(after - 1, np.arange(1, len(path)))
+    """Each pose with the later one whose distance along the path is nearest to `delta`, the first of a stop."""
+    wanted, later = path[:-1] + delta, np.arange(1, len(path))
+    after = np.clip(np.searchsorted(path, wanted), later, len(path) - 1)
+    before = np.maximum(after - 1, later)
     nearer = np.abs(path[before] - wanted) <= np.abs(path[after] - wanted)
-    second = np.where(nearer, before, after)
+    second = np.maximum(np.searchsorted(path, path[np.where(nearer, before, after)]), later)
     close = np.abs(path[second] - wanted) <= relative_tolerance * delta
     return np.stack([np.arange(len(path) - 1)[close], second[close]], axis=1)
 
