@@ -10,6 +10,7 @@ import sfmcpp
 from sfmcpp import Problem, Rigs
 from sfmcpp.doctor import repair
 from sfmcpp.doctor.solution import depth_reversed
+from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.rigs import composed
 
 FRAMES, POINTS, FOCAL, SIZE = 12, 400, 600.0, (640, 480)
@@ -140,3 +141,22 @@ def test_minima_near_a_solution_with_rigs_are_looked_for() -> None:
     inside_out = depth_reversed(problem)
     assert inside_out.rigs is not None
     assert np.abs(inside_out.rigs.rigid(inside_out.cameras) - inside_out.cameras).max() < 1e-9
+
+
+@pytest.mark.parametrize("freedoms", [6, 7])
+def test_a_scale_that_a_rig_gives_is_no_part_of_the_frame_that_fits_best(freedoms: int) -> None:
+    problem = sfmcpp.rig_walk_scene(24, 1500, seed=0)
+    if freedoms == 7:
+        problem.rigs = None
+    summary = sfmcpp.solve(problem)
+    joint = sfmcpp.linearize(problem, gauge="fixed").covariance(cameras="all", joint=True).joint
+    assert joint is not None
+    rows = (len(joint) // 24 * np.arange(24)[:, None] + np.arange(3, 6)).ravel()
+    # Inner constraints of the centres, from any other frame (Baarda 1973).
+    frame = motions_of_positions(problem.centres - problem.centres.mean(axis=0)).reshape(-1, 7)[:, :freedoms]
+    inner = np.eye(len(frame)) - frame @ np.linalg.pinv(frame)
+    variances = np.diag(inner @ joint[np.ix_(rows, rows)] @ inner).reshape(-1, 3).sum(axis=1)
+    count, points = 2 * problem.num_observations, len(np.unique(problem.point_index))
+    noise = summary.final_rms_px * np.sqrt(count / (count - 6 * 24 - 3 * points))
+    (found,) = (f for f in sfmcpp.diagnose(problem, summary=summary).findings if f.code == "worst-cameras")
+    assert found.measures["worst_sigma"] == pytest.approx(noise * np.sqrt(variances.max()), rel=1e-6)
