@@ -219,7 +219,7 @@ def _pairs_by_path(path: FloatArray, delta: float) -> NDArray[np.int64]:
 
 
 def _all_pairs_by_path(path: FloatArray, delta: float, relative_tolerance: float) -> NDArray[np.int64]:
-    """Each pose with the later one whose distance along the path is nearest to `delta`, the first of a stop."""
+    """Each pose with the later one nearest to `delta` along the path, at a stop the first."""
     wanted, later = path[:-1] + delta, np.arange(1, len(path))
     after = np.clip(np.searchsorted(path, wanted), later, len(path) - 1)
     before = np.maximum(after - 1, later)
