@@ -172,9 +172,11 @@ def _rigid_groups(case: Case) -> NDArray[np.int64]:
 
 
 def _tied_cameras(case: Case) -> NDArray[np.bool_]:
+    """(C,) which cameras are tied to others."""
     tied = np.zeros(case.problem.num_cameras, dtype=np.bool_)
-    for pair in _relative_constraints(case):
-        tied[list(pair)] = True
+    for one, other in _relative_constraints(case):
+        if one != other:
+            tied[[one, other]] = True
     return tied
 
 

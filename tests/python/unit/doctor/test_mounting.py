@@ -116,6 +116,18 @@ def test_cameras_of_a_frame_are_of_one_part_and_nothing_of_a_rig_is_dropped() ->
     assert repair(problem).problem.num_observations == problem.num_observations
 
 
+def test_a_weak_camera_that_is_alone_in_its_frame_is_named() -> None:
+    problem = sfmcpp.circle_scene(8, 60, pixel_sigma_px=0.5, seed=3)
+    few = np.flatnonzero(problem.camera_index == 4)[4:]
+    problem = problem.with_observations(np.delete(np.arange(problem.num_observations), few))
+    assert "weak-cameras" in sfmcpp.diagnose(problem).codes
+    problem.rigs = Rigs(np.eye(3, 4)[None], np.arange(8), np.zeros(8, np.int32))
+    assert "weak-cameras" in sfmcpp.diagnose(problem).codes
+    problem.rigs = Rigs(np.tile(np.eye(3, 4), (2, 1, 1)), [0, 1, 2, 3, 4, 4, 5, 6], [0, 0, 0, 0, 0, 1, 0, 0])
+    problem.cameras[:] = problem.rigs.rigid(problem.cameras)
+    assert "weak-cameras" not in sfmcpp.diagnose(problem).codes
+
+
 def test_intrinsics_are_examined_beside_a_sensor_that_nothing_tells() -> None:
     problem = rig(turns=False)
     problem = Problem(
