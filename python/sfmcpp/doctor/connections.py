@@ -135,7 +135,7 @@ def _hinges(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
 def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tuple[int, ...], int]]:
     """Cameras of each group that shares too few points with all others, and how many."""
     groups = _rigid_groups(case)
-    tied = _tied_cameras(case)
+    ties = np.array(_relative_constraints(case), dtype=np.int64).reshape(-1, 2)
     found = []
     for part in range(labels.max(initial=-1) + 1):
         in_part, sizes = np.unique(groups[labels == part], return_counts=True)
@@ -143,7 +143,8 @@ def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tup
         for group in in_part[(sizes > 1) & (np.arange(len(sizes)) != np.argmax(sizes))]:
             members = groups == group
             shared = _points_shared(case, members)
-            if not tied[members].any() and 0 < shared < POINTS_TO_TELL_AN_OUTLIER:
+            is_tied = (members[ties[:, 0]] != members[ties[:, 1]]).any()
+            if not is_tied and 0 < shared < POINTS_TO_TELL_AN_OUTLIER:
                 found.append((numbers(np.flatnonzero(members)), shared))
     return found
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import sfmcpp
+from faults import halves
 from sfmcpp import Problem, Rigs
 from sfmcpp.doctor import repair
 from sfmcpp.doctor.solution import depth_reversed
@@ -126,6 +129,16 @@ def test_a_weak_camera_that_is_alone_in_its_frame_is_named() -> None:
     problem.rigs = Rigs(np.tile(np.eye(3, 4), (2, 1, 1)), [0, 1, 2, 3, 4, 4, 5, 6], [0, 0, 0, 0, 0, 1, 0, 0])
     problem.cameras[:] = problem.rigs.rigid(problem.cameras)
     assert "weak-cameras" not in sfmcpp.diagnose(problem).codes
+
+
+def test_frames_on_either_side_of_a_weak_link_do_not_hold_it() -> None:
+    problem = halves(sfmcpp.circle_scene(8, 60, pixel_sigma_px=0.5, seed=3), 2)
+    assert "weak-link" in sfmcpp.diagnose(problem).codes
+    sensors = np.tile(np.eye(3, 4), (2, 1, 1))
+    for frames, is_found in (([0, 0, 1, 1, 2, 2, 3, 3], True), ([0, 1, 2, 3, 3, 2, 1, 0], False)):
+        rigs = Rigs(sensors, frames, [0, 1, 0, 1, 0, 1, 0, 1] if is_found else [0, 0, 0, 0, 1, 1, 1, 1])
+        tied = replace(problem, rigs=rigs, cameras=rigs.rigid(problem.cameras))
+        assert ("weak-link" in sfmcpp.diagnose(tied).codes) == is_found
 
 
 def test_intrinsics_are_examined_beside_a_sensor_that_nothing_tells() -> None:
