@@ -31,8 +31,9 @@ Callback = Callable[[Iteration], "bool | None"]
 _LARGEST_CHANGE = 1e-10
 _LARGEST_DERIVATIVE_ERROR = 1e-3
 _LITTLE_WEIGHT, _LARGEST_SHARE = 0.1, 0.5
-# Tukey's weight is little from 0.83 of its scale on, that of all others only farther out. If most errors are
-# as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to be counted.
+# Tukey's weight is little from 0.83 of its scale on, that of all others with a name only farther out. If most
+# errors are as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to
+# be counted. Of a function nobody knows where its weight falls.
 _LEAST_RMS = 0.4
 
 
@@ -297,7 +298,8 @@ def continues_after(answer: object) -> bool:
 
 def loss_weight_warnings(arrays: dict[str, Any], summary: Summary, ranks: Ranks | None = None) -> list[str]:
     """Warning if most observations have hardly any weight by the loss; each rank has a part of the arrays."""
-    if summary.loss == "squared" or summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px:
+    is_small = summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px
+    if summary.loss == "squared" or (is_small and not isinstance(summary.loss, LossFunction)):
         return []
     squared = np.square(_core.residuals(arrays)).sum(axis=1)
     _, weights, _ = _core.loss_terms(summary.loss, summary.loss_scale_px, squared)

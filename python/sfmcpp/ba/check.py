@@ -14,6 +14,7 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.ba.doubtful_input import warnings_about_calibration
 from sfmcpp.ba.linearize import linearize
+from sfmcpp.ba.options import SolveOptions
 from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
@@ -131,6 +132,7 @@ def cost(
     InvalidArgument
         If the problem, the loss or its scale breaks a rule.
     """
+    SolveOptions(loss=loss, loss_scale_px=loss_scale_px).validate()
     if loss != "squared":
         return linearize(problem, loss=loss, loss_scale_px=loss_scale_px).cost
     r = residuals(problem)

@@ -116,7 +116,7 @@ class RunCheckpoints:
         facts: Callable[[], dict[str, Any]],
         least_bytes: int = 0,
     ) -> None:
-        self._save, self._facts = save, facts() if save or resume else {}
+        self._save, self._facts = save, {} if save is None and resume is None else facts()
         self.taken = None if resume is None else resume.load()
         if self.taken is not None:
             _require_same_run(self.taken, self._facts)
@@ -179,7 +179,7 @@ class RankCheckpoints:
         self._ranks = ranks
         resumed = ranks.agreed(lambda: _store_of_rank(resume, ranks.rank))
         saved = ranks.agreed(lambda: _store_of_rank(save, ranks.rank))
-        self._save, self._facts = saved, facts() if save or resume else {}
+        self._save, self._facts = saved, {} if save is None and resume is None else facts()
         self._facts |= {"ranks": [ranks.rank, ranks.size]}
         self.taken = None if resumed is None else self._newest_of_all(resumed)
         if saved is not None:
@@ -207,9 +207,10 @@ class RankCheckpoints:
             store.take_back(failures[0])
 
     def _newest_of_all(self, store: SharedCheckpointStore) -> Checkpoint:
-        of_all = self._ranks.everyones(store.sequences())
-        common = set.intersection(*of_all)
+        common = set.intersection(*self._ranks.everyones(store.sequences()))
         taken = self._ranks.agreed(lambda: store.load(max(common, default=None)))
+        if not common:  # each has one, but of another iteration
+            raise DatasetError(taken.path, "there is no checkpoint that all ranks have whole")
         self._ranks.agreed(lambda: _require_same_run(taken, self._facts))
         return taken
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sfmcpp import _core
 from sfmcpp.ba.linear_results import ConstraintRows
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import SolveOptions
@@ -18,9 +19,8 @@ from sfmcpp.model.residual_group import Group
 # Standard deviations that neither noise nor a σ which is a guess explains.
 FAR_SIGMAS = 100.0
 _SQUARED = "squared"
-# Robust losses rise at least so much where an error is far: Cauchy's and Huber's, per squared scale; those
-# of redescending losses end at their scale, of one or more standard deviations.
-_LEAST_COST_OF_FAR = 0.1
+# Share of members that are far where their median is: half, and less that rounding cannot hide.
+_FAR_SHARE = 0.4
 # Part of the pull of the others on a member from which on they are named.
 _NAMED_SHARE = 0.1
 _MOST_WARNINGS = 8
@@ -70,7 +70,11 @@ def _may_be_far(group: Group, summary: Summary) -> bool:
     cost = 2 * summary.constraint_costs.get(group.name, (0.0, 0.0))[1]
     if group.loss == _SQUARED:
         return cost > FAR_SIGMAS**2
-    return cost > _LEAST_COST_OF_FAR * group.num_members
+    weighted = np.count_nonzero(np.atleast_2d(group.member_weights.T).any(axis=0))
+    # With a smaller scale a member costs less, and the default of every loss is above one.
+    scale = 1.0 if group.loss_scale is None else group.loss_scale
+    of_far = _core.loss_terms(group.loss, scale, np.array([FAR_SIGMAS**2]))[0][0]
+    return bool(cost > _FAR_SHARE * weighted * of_far)
 
 
 def _by_squares(group: Group) -> Group:

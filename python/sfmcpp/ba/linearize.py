@@ -104,6 +104,7 @@ class LinearModel:
         self._problem = problem
         arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
+        self._camera_index, self._point_index = arrays["camera_index"], arrays["point_index"]
         self._by_frame = self._by_sensor = None
         if problem.rigs is not None:
             self._by_frame = problem.rigs.motions(problem.cameras)
@@ -151,9 +152,9 @@ class LinearModel:
         from scipy.sparse import csr_matrix
 
         entries = np.concatenate(self.blocks(), axis=2)
-        of_points = self.point_columns[self._problem.point_index, None]
+        of_points = self.point_columns[self._point_index, None]
         of_points = np.where(of_points < 0, -1, of_points + np.arange(3))
-        columns = np.concatenate([self.camera_columns[self._problem.camera_index], of_points], axis=1)
+        columns = np.concatenate([self.camera_columns[self._camera_index], of_points], axis=1)
         columns = np.broadcast_to(columns[:, None], entries.shape)
         rows = np.broadcast_to(np.arange(2 * len(entries)).reshape(-1, 2, 1), entries.shape)
         kept = columns >= 0

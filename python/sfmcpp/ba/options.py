@@ -129,6 +129,8 @@ class SolveOptions(_core.SolveOptions):
             setattr(self, name, value)
 
     def __setattr__(self, name: str, value: Any) -> None:
+        if name not in OPTIONS:
+            raise AttributeError(f"SolveOptions has no option {name!r}: options are {', '.join(OPTIONS)}")
         try:
             super().__setattr__(name, value)
         except TypeError:

@@ -269,12 +269,24 @@ class OwnParts:
 
 def gathered(parts: OwnParts, ranks: Ranks) -> Problem | None:
     """Gather the parts of all ranks on rank 0, one after the other; None elsewhere."""
-    mine = parts.mine
+    mine = _with_uncertainty_as_all(parts.mine, ranks)
     sizes = np.array(ranks.everyones((mine.num_points, mine.num_observations)))
     point, observation = sizes[: ranks.rank].sum(axis=0)
     numbers = point + np.arange(mine.num_points), observation + np.arange(mine.num_observations)
     collected = ranks.collected(Part(replace(mine, metadata=Metadata()), *numbers))
     return joined_parts(collected) if collected else None
+
+
+def _with_uncertainty_as_all(mine: Problem, ranks: Ranks) -> Problem:
+    """The part, with standard deviations or covariances that say the same if any of the ranks has them."""
+    own = mine.uncertainty
+    some = ranks.everyones((own.sigma_px is not None, own.covariance_px2 is not None))
+    with_sigmas, with_covariances = map(any, zip(*some, strict=True))
+    if with_covariances:
+        return replace(mine, sigma_px=None, covariance_px2=own.as_covariances(mine.num_observations))
+    if with_sigmas:
+        return replace(mine, sigma_px=own.as_sigmas(mine.num_observations))
+    return mine
 
 
 # What tells a part from another, and of how many rows.

@@ -14,7 +14,7 @@ from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import ANY, FloatArray, index_array, shaped_array
+from sfmcpp.model.arrays import ANY, FloatArray, index_array, numbers_below, shaped_array
 
 
 @checked(projections=(ANY, 3, 4), sigma_px=(ANY,), covariance_px2=(ANY, 2, 2))
@@ -67,8 +67,9 @@ def projective_problem(
     seen = shaped_array("pixels", np.zeros((0, 2)) if not np.size(pixels) else pixels, (ANY, 2))
     if len(seen) != len(cameras):
         raise InvalidArgument(f"pixels: {len(seen)} rows for {len(cameras)} observations")
-    if len(cameras) and not (cameras.min() >= 0 and cameras.max() < len(matrices)):
-        raise InvalidArgument(f"camera_index: must be in [0, {len(matrices)})")
+    numbers_below("camera_index", cameras, len(matrices))
+    observed = index_array("point_index", point_index)
+    numbers_below("point_index", observed, len(homogeneous))
     frames = image_frames(cameras, seen, len(matrices))
     return Problem(
         "projective",
@@ -76,7 +77,7 @@ def projective_problem(
         frames,
         _unit_rows("points", homogeneous),
         cameras,
-        index_array("point_index", point_index),
+        observed,
         seen,
         sigma_px=None if sigma_px is None else np.asarray(sigma_px, dtype=np.float64),
         covariance_px2=None if covariance_px2 is None else np.asarray(covariance_px2, dtype=np.float64),
@@ -104,6 +105,7 @@ def as_projective(problem: Problem) -> Problem:
     """
     if not problem.is_metric:
         return problem.copy()
+    problem = problem.copy()  # of which the result takes arrays and metadata
     result = projective_problem(
         projection_matrices(problem),
         problem.points,

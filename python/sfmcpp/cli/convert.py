@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -171,10 +172,12 @@ def convert_trajectory(source: Path, target: Path, format: str, times: Path | No
     Raises
     ------
     DatasetError
-        If a file cannot be read or written; if the format needs times, and there are none, or there are
-        and others are given.
+        If a file cannot be read or written, or would replace that of the times; if the format needs times,
+        and there are none, or there are and others are given.
     """
     require_writable_file(target)
+    if times is not None and os.path.realpath(times) == os.path.realpath(target):
+        raise DatasetError(target, "is named twice: the file of times must not be replaced")
     trajectory = read_trajectory(source)
     if times is not None:
         trajectory = _interpolated_at(trajectory, source, times)

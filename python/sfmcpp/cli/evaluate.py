@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfmcpp.cli.choices import one_of
+from sfmcpp.cli.choices import choice_option
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError, InvalidArgument
 
@@ -49,18 +49,8 @@ _SHOWN = 8
 _COLUMNS = ("mean", "median", "max", "rmse")
 
 
-def _choice_option(
-    name: str, choices: tuple[str, ...], what: str, otherwise: str = ""
-) -> typer.models.OptionInfo:
-    listed = f"{what}: {', '.join(choices)}{otherwise}."
-    option: typer.models.OptionInfo = typer.Option(
-        name, metavar="NAME", callback=one_of(choices), help=listed
-    )
-    return option
-
-
-def _format(name: str, what: str) -> typer.models.OptionInfo:
-    return _choice_option(name, FORMATS, f"Format of {what}", "; default: by its name")
+def _format(what: str) -> Any:
+    return choice_option(FORMATS, f"Format of {what}", "; default: by its name")
 
 
 @with_exit_code
@@ -71,13 +61,11 @@ def evaluate(
     scale: Annotated[bool, typer.Option("--scale/--no-scale", help="Align with or without scale.")] = True,
     align_by: Annotated[
         str,
-        _choice_option(
-            "--align-by", ("positions", "poses"), "What to align; poses also work on straight roads"
-        ),
+        choice_option(("positions", "poses"), "What to align; poses also work on straight roads"),
     ] = "positions",
     match: Annotated[
         str,
-        _choice_option("--match", ("nearest", "interpolate"), "How true poses are matched to estimated ones"),
+        choice_option(("nearest", "interpolate"), "How true poses are matched to estimated ones"),
     ] = "nearest",
     max_difference_s: Annotated[
         float | None,
@@ -86,10 +74,10 @@ def evaluate(
         ),
     ] = None,
     delta: Annotated[float, typer.Option(help="Interval of relative errors.")] = 1.0,
-    delta_unit: Annotated[str, _choice_option("--delta-unit", ("frames", "m"), "Unit of --delta")] = "frames",
+    delta_unit: Annotated[str, choice_option(("frames", "m"), "Unit of --delta")] = "frames",
     all_pairs: Annotated[bool, typer.Option("--all-pairs", help="Relative errors from every pose.")] = False,
-    trajectory_format: Annotated[str | None, _format("--format", "the trajectory")] = None,
-    truth_format: Annotated[str | None, _format("--truth-format", "the truth")] = None,
+    format: Annotated[str | None, _format("the trajectory")] = None,
+    truth_format: Annotated[str | None, _format("the truth")] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report as JSON.")] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Plot both: png, svg, pdf.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
@@ -112,9 +100,9 @@ def evaluate(
         "all_pairs": all_pairs,
     }
     targets = Targets(None, report, plot)
-    if trajectory_format is None and names_images(source):
+    if format is None and names_images(source):
         return evaluate_model_files(source, truth, truth_format, options, targets, quiet)
-    found = _evaluated((source, trajectory_format), (truth, truth_format), options, targets)
+    found = _evaluated((source, format), (truth, truth_format), options, targets)
     _write({"path": str(source), "truth": str(truth)}, found, targets)
     if not quiet:
         rows = _rows(source, truth, found, targets)
@@ -131,8 +119,7 @@ def _evaluated(
 
     AlignmentRule.parse(options["align_to"])
     _require_trajectories(ours[0], *true)
-    for source, _ in (ours, true):
-        targets.check(source)
+    targets.check(ours[0], true[0])
     read = [read_trajectory(path, format=name) for path, name in (ours, true)]
     try:
         return evaluate(*read, **options)
@@ -141,7 +128,6 @@ def _evaluated(
 
 
 def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> None:
-
     if ours.exists() and true_format is None and names_images(true):
         raise DatasetError(
             ours,
@@ -240,8 +226,7 @@ def _evaluated_model(
     if options["align_to"] not in MODEL_ALIGNMENTS:
         known = ", ".join(MODEL_ALIGNMENTS)
         raise InvalidArgument(f"align = {options['align_to']!r}: must be one of {known} for a model")
-    for source in (model, truth, model / "report.json"):
-        targets.check(source)
+    targets.check(model, truth, model / "report.json")
     ours, true = read_image_poses(model), read_truth(truth, truth_format)
     wanted = {name: options[name] for name in ("align_to", "with_scale", "align_by")}
     if options["max_difference_s"] is not None:

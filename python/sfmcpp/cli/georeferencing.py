@@ -39,8 +39,6 @@ class Gps:
             require_positions_format(
                 target, geodetic=self._given_positions is None or self._given_positions.geodetic
             )
-            if self.source is not None and target.resolve() == self.source.resolve():
-                raise DatasetError(target, "is named twice: positions that are read must not be replaced")
 
     def check_fits(self, target: Path | None, problem: Problem) -> None:
         """Raise a DatasetError if the positions of a solved `problem` could not be written to `target`."""

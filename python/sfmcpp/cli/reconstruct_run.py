@@ -46,8 +46,9 @@ def run_reconstruction(
     require_results_folder(folder, FILES, MODEL)
     if not source.exists():
         raise DatasetError(source, "no such file or directory")
-    targets.check(source)
-    Gps(options["gps"] if isinstance(options["gps"], Path) else None).check(targets.positions)
+    positions = options["gps"] if isinstance(options["gps"], Path) else None
+    targets.check(source, *([] if positions is None else [positions]))
+    Gps(positions).check(targets.positions)
     if not resume:
         _clear_cache(folder / CACHE)
     with writable_folder(folder):

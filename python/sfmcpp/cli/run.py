@@ -155,7 +155,8 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
 
 def _check(job: Job) -> None:
     _check_options(job.options)
-    job.targets.check(job.source)
+    read = (job.gps.source, job.control.source)
+    job.targets.check(job.source, *(path for path in read if path is not None))
     job.gps.check(job.targets.positions)
     job.control.check(job.gps.source, job.targets.positions)
     job.checkpoints.check_input_stays(job.source, job.targets.problem)

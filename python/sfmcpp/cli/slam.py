@@ -32,6 +32,8 @@ def _sigmas(given: list[str]) -> dict[str, float | None]:
     sigmas: dict[str, float | None] = {}
     for text in given:
         name, _, number = text.partition("=")
+        if name in sigmas:
+            raise typer.BadParameter(f"{name!r} is named twice", param_hint="'--sensor-sigma'")
         try:
             sigmas[name] = None if number == "auto" else float(number)
         except ValueError:
@@ -51,6 +53,11 @@ def _sensor_columns(texts: list[str]) -> dict[str, str | float]:
             raise typer.BadParameter(f"{text!r}: {rule}", param_hint="'--sensor-column'")
         columns[name] = own
     return columns
+
+
+def _refuse_without_sensor(option: str, value: object, what_for: str) -> None:
+    if value is not None:
+        raise typer.BadParameter(f"{value!r}: there is no --sensor {what_for}", param_hint=f"'{option}'")
 
 
 def _camera(text: str | None) -> tuple[float, ...] | Path | None:
@@ -208,13 +215,14 @@ def slam(
     from sfmcpp.cli.checkpoints import Checkpoints
     from sfmcpp.cli.slam_run import run_slam_files
 
-    if weights not in (None, "none") and not sensor:
-        raise typer.BadParameter(f"{weights!r}: there is no --sensor to weigh", param_hint="'--weights'")
-    if mounting is not None and not sensor:
-        reason = f"{mounting!r}: there is no --sensor that sits on it"
-        raise typer.BadParameter(reason, param_hint="'--mounting'")
-    if sensor_file and not sensor:
-        raise InvalidArgument("sensor_file: no --sensor is named that could use it")
+    if not sensor:
+        _refuse_without_sensor("--weights", None if weights == "none" else weights, "to weigh")
+        other_bounds = None if weight_bounds == WEIGHT_BOUNDS[0] else weight_bounds
+        _refuse_without_sensor("--weight-bounds", other_bounds, "to weigh")
+        _refuse_without_sensor("--mounting", mounting, "that sits on it")
+        _refuse_without_sensor("--clock-offset", clock_offset, "with a clock")
+        if sensor_file:
+            raise InvalidArgument("sensor_file: no --sensor is named that could use it")
     settings = {
         "sensors": sensor or [],
         "sigmas": _sigmas(sensor_sigma or []),

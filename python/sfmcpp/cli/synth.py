@@ -85,6 +85,8 @@ def synth(
     quiet: Quiet = False,
 ) -> ExitCode:
     """Generate a synthetic problem with known truth."""
+    if outlier_sigma_px is not None and outliers == 0:
+        raise typer.BadParameter("there are no --outliers", param_hint="'--outlier-sigma-px'")
     options = _given_options(
         num_cameras=cameras,
         num_points=points,

@@ -44,8 +44,11 @@ class Targets:
     def _other_files(self) -> tuple[Path | None, ...]:
         return self.report, self.picture, self.positions, self.page, self.covariances
 
-    def check(self, source: Path) -> None:
-        """Raise a DatasetError if one of them could not be written, or would overwrite another."""
+    def check(self, source: Path, *others: Path) -> None:
+        """Raise a DatasetError if one of them could not be written, or would overwrite another.
+
+        The problem may replace its `source`; nothing may replace the `others` that are read.
+        """
         if self.problem is not None:
             require_writable_problem(self.problem)
         for path in self._other_files:
@@ -59,7 +62,7 @@ class Targets:
             from sfmcpp.study.covariance_files import require_covariance_format
 
             require_covariance_format(self.covariances)
-        _require_distinct(self, source)
+        _require_distinct(self, source, others)
 
     def check_fits(self, problem: Problem, *, refined: bool = False) -> None:
         """Raise a DatasetError if the format of the result cannot hold `problem`, or it has no positions.
@@ -148,9 +151,9 @@ def _require_picture(path: Path) -> None:
         raise DatasetError(path, f"the name of a picture must end in {', '.join(FIGURE_SUFFIXES)}")
 
 
-def _require_distinct(targets: Targets, source: Path) -> None:
+def _require_distinct(targets: Targets, source: Path, others: Iterable[Path]) -> None:
     """Let the result replace the input, and nothing else replace anything of the same run."""
-    taken: list[str] = []
+    taken = [os.path.realpath(path) for path in others]
     for path in targets:
         resolved = os.path.realpath(path)
         if resolved in taken or (path != targets.problem and resolved == os.path.realpath(source)):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.case import Case, without_single_views
+from sfmcpp.doctor.case import Case, image_sizes_px, without_single_views
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.doctor.trial import Trial, adjusted
@@ -33,7 +33,7 @@ _MOST = 0.5
 # Terms of a lens stand in for each other: what one leaves open another takes up.
 _LENS = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
 # Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
-_RIDGE = 1e-12
+RIDGE = 1e-12
 
 
 def focal_signs(case: Case) -> Iterator[Finding]:
@@ -118,12 +118,12 @@ def _with_free_calibration(problem: Problem) -> Problem:
 
 
 def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
-    """Whether the squared error falls far more than by as many meaningless parameters per row."""
+    """Whether the squared error falls far more than by as many meaningless parameters per row in use."""
     squares = [squared_error(case, t) for t in (given, freed)]
     problem = freed.problem
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
     redundancy = max(2 * problem.num_observations - 6 * cameras - 3 * points, 1)
-    count = parameters * len(problem.intrinsics)
+    count = parameters * len(np.unique(problem.intrinsics_index[problem.camera_index]))
     return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy
 
 
@@ -188,9 +188,9 @@ def _principal_points_near_border(case: Case) -> Iterator[Finding]:
 
 def _image_centre_px(problem: Problem) -> FloatArray:
     """The middle of the images by their sizes; else of the box around nearly all pixels [px]."""
-    sizes = problem.metadata.image_sizes
-    if sizes is not None and len(sizes) == problem.num_cameras:
-        return np.asarray(np.median(np.asarray(sizes)[problem.camera_index], axis=0) / 2)
+    sizes = image_sizes_px(problem)
+    if len(sizes):
+        return np.asarray(np.median(sizes, axis=0) / 2)
     return np.asarray(np.quantile(problem.pixels, (0.01, 0.99), axis=0).mean(axis=0))
 
 
@@ -216,7 +216,7 @@ def undetermined(case: Case) -> Iterator[Finding]:
     try:
         # Sensors are looked at by themselves.
         model = LinearModel(
-            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), _RIDGE
+            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), RIDGE
         )
         cameras = _chosen_cameras(trial.problem)
         unknown = _undetermined_intrinsics(case, trial, model, cameras)

@@ -69,7 +69,8 @@ class Case:
     def sigma_px(self) -> float:
         """Median stated standard deviation of the pixels; one where none is stated [px]."""
         uncertainty = self.problem.uncertainty
-        return float(np.median(Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px))
+        stated = Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px
+        return float(np.median(stated)) if len(stated) else 1.0
 
     @cached_property
     def views_of_points(self) -> NDArray[np.int64]:
@@ -164,6 +165,15 @@ class Case:
 def extent_px(problem: Problem) -> float:
     """Larger side of the box around most pixels, wrong ones left out [px]."""
     return float(np.ptp(np.quantile(problem.pixels, (0.01, 0.99), axis=0), axis=0).max())
+
+
+def image_sizes_px(problem: Problem) -> FloatArray:
+    """(M, 2) width and height of the image of each observation [px]; none where one of them is not known."""
+    sizes = problem.metadata.image_sizes
+    if sizes is None or len(sizes) != problem.num_cameras:
+        return np.zeros((0, 2))
+    found = np.asarray(sizes, dtype=np.float64)[problem.camera_index]
+    return found if (found > 0).all() else np.zeros((0, 2))
 
 
 def observation_keys(problem: Problem) -> NDArray[np.int64]:

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
-from sfmcpp.model import Problem, ResidualGroup, Rigs
+from sfmcpp.model import ConstraintGroup, Problem, ResidualGroup, Rigs, constraint_kind
 from sfmcpp.model.arrays import IndexArray
+from sfmcpp.model.residual_group import Group
 
 # Three points determine a similarity, or a pose; one wrong among k is told from the others if the k − 1 that
 # are left still have one to spare: k = 3 + 2.
 POINTS_TO_TELL_AN_OUTLIER = 5
+_ROTATION = (3, 3)
 
 
 def connections(case: Case) -> Iterator[Finding]:
@@ -29,8 +31,8 @@ def connections(case: Case) -> Iterator[Finding]:
 def parts(case: Case) -> NDArray[np.int64]:
     """(C,) part of each camera, the one of most observations first; −1 for cameras that see nothing.
 
-    Cameras that are fixed, tied by a constraint to the world or to each other, or of one rigid frame are of
-    one part.
+    Cameras that are fixed, tied by a constraint to a place in the world or to each other, or of one rigid
+    frame are of one part.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -47,7 +49,7 @@ def _relative_constraints(case: Case) -> list[tuple[int, int]]:
     absolute: list[NDArray[np.integer]] = [np.flatnonzero(case.problem.fixed_cameras)]
     pairs: list[tuple[int, int]] = []
     for group in case.constraints:
-        if group.weight <= 0 or group.cameras is None:
+        if group.weight <= 0 or group.cameras is None or not _is_on_places(group):
             continue
         if group.cameras.ndim == 1 and isinstance(group, ResidualGroup) and group.points is not None:
             pairs += _edges_to_observers(case.problem, group.cameras, group.points)
@@ -57,6 +59,14 @@ def _relative_constraints(case: Case) -> list[tuple[int, int]]:
             pairs += [(int(a), int(b)) for a, b in group.cameras]
     held = np.concatenate(absolute)
     return pairs + _edges_of_frames(case.problem.rigs) + [(int(held[0]), int(k)) for k in held[1:]]
+
+
+def _is_on_places(group: Group) -> bool:
+    """Whether a group says where cameras are, not only how they are turned or what their intrinsics are."""
+    if not isinstance(group, ConstraintGroup):
+        return True
+    kind = constraint_kind(group.kind)
+    return kind.on_poses and kind.values != _ROTATION
 
 
 def _edges_to_observers(problem: Problem, cameras: IndexArray, points: IndexArray) -> list[tuple[int, int]]:
@@ -125,7 +135,7 @@ def _hinges(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
 def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tuple[int, ...], int]]:
     """Cameras of each group that shares too few points with all others, and how many."""
     groups = _rigid_groups(case)
-    tied = _tied_cameras(case)
+    ties = np.array(_relative_constraints(case), dtype=np.int64).reshape(-1, 2)
     found = []
     for part in range(labels.max(initial=-1) + 1):
         in_part, sizes = np.unique(groups[labels == part], return_counts=True)
@@ -133,7 +143,8 @@ def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tup
         for group in in_part[(sizes > 1) & (np.arange(len(sizes)) != np.argmax(sizes))]:
             members = groups == group
             shared = _points_shared(case, members)
-            if not tied[members].any() and 0 < shared < POINTS_TO_TELL_AN_OUTLIER:
+            is_tied = (members[ties[:, 0]] != members[ties[:, 1]]).any()
+            if not is_tied and 0 < shared < POINTS_TO_TELL_AN_OUTLIER:
                 found.append((numbers(np.flatnonzero(members)), shared))
     return found
 
@@ -162,9 +173,11 @@ def _rigid_groups(case: Case) -> NDArray[np.int64]:
 
 
 def _tied_cameras(case: Case) -> NDArray[np.bool_]:
+    """(C,) which cameras are tied to others."""
     tied = np.zeros(case.problem.num_cameras, dtype=np.bool_)
-    for pair in _relative_constraints(case):
-        tied[list(pair)] = True
+    for one, other in _relative_constraints(case):
+        if one != other:
+            tied[[one, other]] = True
     return tied
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfmcpp.doctor.case import Case, extent_px
+from sfmcpp.doctor.case import Case, extent_px, image_sizes_px
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import adjusted
 from sfmcpp.geometry.pinhole import pinhole_rows
@@ -79,11 +79,12 @@ def _of_reordered_quaternions(rotations: FloatArray, centres: FloatArray) -> tup
 
 def mirrored_y(problem: Problem) -> Problem:
     """The problem with pixels counted from the other edge: by the heights of the images, else around cy."""
-    sizes = problem.metadata.image_sizes
-    if sizes is None or len(sizes) != problem.num_cameras or problem.camera_model == "bal":
+    sizes = image_sizes_px(problem)
+    if not len(sizes) or problem.camera_model == "bal":
         return _with_pixels(lambda x, k: np.column_stack([x[:, 0], 2 * k[:, 3] - x[:, 1]]))(problem)
-    heights = np.asarray(sizes)[problem.camera_index, 1]
-    return replace(problem, pixels=np.column_stack([problem.pixels[:, 0], heights - problem.pixels[:, 1]]))
+    return replace(
+        problem, pixels=np.column_stack([problem.pixels[:, 0], sizes[:, 1] - problem.pixels[:, 1]])
+    )
 
 
 def fy_for_aspect(problem: Problem) -> Problem:
@@ -225,7 +226,7 @@ def _best_convention(
 ) -> tuple[Convention, float, float] | None:
     """The first of the conventions that fit best: symmetric scenes do not distinguish some of them."""
     medians = np.array([judge(convention) for convention in CONVENTIONS])
-    best = int(np.argmax(medians < _AS_WELL * medians.min()))
+    best = int(np.argmax(medians <= _AS_WELL * medians.min()))
     extent = extent_px(CONVENTIONS[best].read(case.sample))
     if not medians[best] * _BETTER < before or medians[best] > extent / 4:
         return None

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.case import Case, observation_keys
 from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
 from sfmcpp.model import Problem
 
@@ -18,9 +18,8 @@ _NOTABLE_SHARE = 0.1
 
 def second_observations(problem: Problem) -> NDArray[np.intp]:
     """Numbers of observations whose camera observed their point before."""
-    key = problem.camera_index.astype(np.int64) * max(problem.num_points, 1) + problem.point_index
-    first = np.unique(key, return_index=True)[1]
-    repeated = np.ones(len(key), dtype=np.bool_)
+    first = np.unique(observation_keys(problem), return_index=True)[1]
+    repeated = np.ones(problem.num_observations, dtype=np.bool_)
     repeated[first] = False
     return np.flatnonzero(repeated)
 

@@ -100,16 +100,14 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     problem : Problem
         The state it was made at.
     """
-    middle = problem.centres.mean(axis=0)
-    extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
     poses, anchors = _moving_poses(problem)
     of_cameras = np.zeros((*model.camera_columns.shape, 7))
     of_cameras[:, :3] = _rotation_responses(poses[:, :, :3])
-    of_cameras[:, 3:6] = extent * motions_of_positions((poses[:, :, 3] - middle) / extent)
+    of_cameras[:, 3:6] = motions_in_scene(problem, poses[:, :, 3])
     of_cameras[:, 3:6, _SCALE] += anchors
     if problem.rigs is not None and problem.rigs.free_sensors.any():
         of_cameras[:, -3:, _SCALE] = _sensor_lever_arms(problem.rigs)[problem.rigs.sensor_of_camera]
-    of_points = extent * motions_of_positions((problem.points - middle) / extent)
+    of_points = motions_in_scene(problem, problem.points)
     held = _held_by_observations(model, problem, of_cameras, of_points) + _held_by_rigs(problem)
     columns = model.camera_columns
     of_columns = np.zeros((model.num_columns, 7))
@@ -121,6 +119,13 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
         held += _normalised_products(jacobian @ answers, np.asarray(abs(jacobian) @ abs(answers)))
     values, vectors = np.linalg.eigh(held)
     return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
+
+
+def motions_in_scene(problem: Problem, positions: FloatArray) -> FloatArray:
+    """(n, 3, 7) responses of positions to the similarities of :func:`free_motions`, in units of the scene."""
+    middle = problem.centres.mean(axis=0)
+    extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
+    return np.asarray(extent * motions_of_positions((positions - middle) / extent))
 
 
 def _moving_poses(problem: Problem) -> tuple[FloatArray, FloatArray]:

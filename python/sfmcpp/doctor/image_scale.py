@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.trial import adjusted
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray
 
 # Keypoints of all images together come near to every side; sizes are rounded, and crops leave a little.
 _FILLED = (0.8, 1.05)
@@ -40,7 +39,7 @@ def image_fill(case: Case) -> Iterator[Finding]:
     case.is_misread = True
     rounded = float(f"{scale:.2g}")  # keypoints tell no more digits
     reached = np.quantile(case.sample.pixels, _NEARLY_ALL[1], axis=0)
-    width, height = np.median(_image_sizes_px(case.sample), axis=0)
+    width, height = np.median(image_sizes_px(case.sample), axis=0)
     yield Finding(
         "pixels-of-another-size",
         "warning",
@@ -65,18 +64,10 @@ def _medians_px(case: Case, scale: float) -> tuple[float, float] | None:
     return case.trial.median_px, fitted.median_px
 
 
-def _image_sizes_px(problem: Problem) -> FloatArray:
-    """(M, 2) width and height of the image of each observation [px]; none where they are not known."""
-    sizes = problem.metadata.image_sizes
-    if sizes is None or len(sizes) != problem.num_cameras:
-        return np.zeros((0, 2))
-    return np.asarray(sizes, dtype=np.float64)[problem.camera_index]
-
-
 def _apparent_scale(problem: Problem) -> float | None:
     """Apparent scale of the images of the pixels; None if it is that of the problem."""
-    sizes = _image_sizes_px(problem)
-    if len(sizes) < _LEAST_OBSERVATIONS or not sizes.all():
+    sizes = image_sizes_px(problem)
+    if len(sizes) < _LEAST_OBSERVATIONS:
         return None
     low, high = np.quantile(problem.pixels / sizes, _NEARLY_ALL, axis=0)
     filled = float(high.max())

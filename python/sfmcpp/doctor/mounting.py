@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.calibration import radii_px, with_free_sensors
+from sfmcpp.doctor.calibration import RIDGE, radii_px, with_free_sensors
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, named, numbers
 from sfmcpp.doctor.outliers import fits_poorly
@@ -20,8 +20,6 @@ from sfmcpp.model.arrays import FloatArray
 
 # One standard deviation that moves the rim of the image by half of its radius leaves open what a pose is.
 _HALF = 0.5
-# Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
-_RIDGE = 1e-12
 
 
 def mounting(case: Case) -> Iterator[Finding]:
@@ -76,7 +74,7 @@ def _shares_with_free(
     problem, rigs = trial.problem, trial.problem.rigs
     assert rigs is not None
     held = with_free_sensors(problem, *free)
-    model = LinearModel(held, case.constraints, SolveOptions(gauge="fixed"), _RIDGE)
+    model = LinearModel(held, case.constraints, SolveOptions(gauge="fixed"), RIDGE)
     sensors = rigs.sensor_of_camera[problem.camera_index]
     cameras = problem.camera_index[[int(np.argmax(sensors == k)) for k in wanted]]
     variances = np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, -6:]

@@ -10,9 +10,10 @@ import numpy as np
 from sfmcpp.ba import LinearModel, SolveOptions, Summary
 from sfmcpp.doctor.case import TRIAL_CAMERAS, TRIAL_OBSERVATIONS, Case
 from sfmcpp.doctor.finding import Finding
+from sfmcpp.doctor.gauge import free_motions, motions_in_scene
 from sfmcpp.doctor.trial import adjust_or_stop
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry.similarity import fit_similarity, motions_of_positions
+from sfmcpp.geometry.similarity import fit_similarity
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.synthetic import perturb
@@ -85,24 +86,23 @@ def _noise_ratio(problem: Problem, summary: Summary) -> float:
 
 
 def _sigmas_of_centres(case: Case, cameras: IndexArray) -> FloatArray:
-    """(c,) standard deviations of centres, in the frame that fits them best where none is given.
+    """(c,) standard deviations of centres, in the frame that fits them best as far as none is given.
 
     The S-transformation to inner constraints of the centres (Baarda, S-transformations and criterion
     matrices, 1973): points far away do not count, whose errors would be those of the frame.
     """
     problem = case.problem
-    joint = (
-        LinearModel(problem, case.constraints, SolveOptions()).covariance(cameras=cameras, joint=True).joint
-    )
+    model = LinearModel(problem, case.constraints, SolveOptions())
+    joint = model.covariance(cameras=cameras, joint=True).joint
     assert joint is not None
     size = len(joint) // len(cameras)
     rows = (size * np.arange(len(cameras))[:, None] + np.arange(3, 6)).reshape(-1)
     variances = joint[np.ix_(rows, rows)]
-    if not (problem.fixed_cameras.any() or problem.fixed_points.any() or case.constraints):
-        centres = problem.centres[cameras] - problem.centres[cameras].mean(axis=0)
-        frame = motions_of_positions(centres).reshape(-1, 7)
-        inner = np.eye(len(frame)) - frame @ np.linalg.pinv(frame)
-        variances = inner @ variances @ inner
+    frame = (
+        motions_in_scene(problem, problem.centres[cameras]).reshape(-1, 7) @ free_motions(model, problem).T
+    )
+    inner = np.eye(len(frame)) - frame @ np.linalg.pinv(frame)
+    variances = inner @ variances @ inner
     return np.asarray(np.sqrt(np.maximum(np.diag(variances), 0).reshape(-1, 3).sum(axis=1)))
 
 
@@ -161,7 +161,7 @@ def depth_reversed(problem: Problem) -> Problem:
 
     It is the other solution of images with little perspective (Koenderink and van Doorn, Affine structure
     from motion, 1991): ``R ← M R diag(1, 1, −1)`` with the mirror M, and the middle of the points stays
-    where it is in every camera.
+    where it is in every camera; of rigs the frames are where their cameras have it in the mean.
     """
     axis = problem.rotations[:, :, 2].sum(axis=0)
     axis = axis / (np.linalg.norm(axis) or 1.0)
@@ -172,6 +172,8 @@ def depth_reversed(problem: Problem) -> Problem:
     centres = middle - np.einsum("cij,cj->ci", rotations, in_camera)
     free = ~problem.fixed_cameras[:, None, None]
     cameras = np.concatenate([rotations, centres[:, :, None]], axis=2)
+    if problem.rigs is not None:
+        cameras = problem.rigs.rigid(cameras)
     points = middle + (problem.points - middle) @ mirror
     return replace(
         problem,

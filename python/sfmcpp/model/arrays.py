@@ -80,13 +80,13 @@ def require_double(name: str, *values: ArrayLike | None) -> None:
 
 
 def require_int32(name: str, array: NDArray[Any]) -> None:
-    """Raise InvalidArgument at the largest whole number that does not fit in 32 bits: it would wrap."""
+    """Raise InvalidArgument at the largest or least number that does not fit in 32 bits: it would wrap."""
     if not array.size or np.can_cast(array.dtype, np.int32):
         return
     limits = np.iinfo(np.int32)
-    worst = array.flat[np.argmax(np.abs(array.astype(np.float64)))]
-    if not limits.min <= worst <= limits.max:
-        raise InvalidArgument(f"{name}: value {worst} does not fit in 32 bits")
+    for worst in (array.max(), array.min()):
+        if not limits.min <= worst <= limits.max:
+            raise InvalidArgument(f"{name}: value {worst} does not fit in 32 bits")
 
 
 def index_array(name: str, value: ArrayLike) -> IndexArray:

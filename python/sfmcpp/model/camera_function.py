@@ -164,14 +164,15 @@ class CameraFunction:
         Returns
         -------
         float
-            The largest difference over the largest derivative by the same quantity; 0 without `jacobians`.
+            The largest difference over the largest derivative by the same quantity; 0 without `jacobians` or
+            observations, and where indices are out of range.
 
         Raises
         ------
         InvalidArgument
             As :meth:`evaluate`.
         """
-        if self.jacobians is None:
+        if self.jacobians is None or not _indices_fit(problem):
             return 0.0
         points, rows = _points_in_cameras(problem)
         _, *given = self.evaluate(points, rows, jacobians=True)

@@ -21,6 +21,10 @@ _NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(_TERMS) / (_TERMS - 1))
 _TESTS = 0.5 * (_NODES[1:] + _NODES[:-1])
 _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 _AT_TESTS = np.vander(_TESTS, _TERMS, increasing=True)
+# Where the core refuses weights below zero, by more than a part of the largest coefficient
+# (residuals/loss.cpp); half of that part here, as it sums in another order.
+_AT_CHECKS = np.vander(np.linspace(0.0, 1.0, 9), _TERMS, increasing=True)
+_BELOW_ZERO = 0.5e-9
 _OCTAVES = np.concatenate([[0.0], np.exp2(np.arange(-20.0, 101.0))])  # of s, before cells are halved
 _TOLERANCE = 1e-12  # of a weight, relative to its cell
 # What is left of a weight by cancellation inside the function, where cells of this share of s do not help.
@@ -86,15 +90,16 @@ def _tabulated(derivative: Curve) -> tuple[FloatArray, FloatArray]:
     while len(begin):
         values = _values("derivative", derivative, begin, end, _NODES)
         tests = _values("derivative", derivative, begin, end, _TESTS)
-        coefficients = values @ _TO_COEFFICIENTS.T
+        coefficients, lines = values @ _TO_COEFFICIENTS.T, np.zeros((len(begin), _TERMS))
+        lines[:, 0], lines[:, 1] = values[:, 0], values[:, -1] - values[:, 0]
+        # Where a weight falls to zero, between two knots, a polynomial swings below it.
+        least, largest = (coefficients @ _AT_CHECKS.T).min(axis=1), np.abs(coefficients).max(axis=1)
+        coefficients = np.where((least < -_BELOW_ZERO * largest)[:, None], lines, coefficients)
         error = np.abs(coefficients @ _AT_TESTS.T - tests).max(axis=1)
         rounding = np.where(end - begin <= _SHARE_OF_ROUNDING * end, _ROUNDING, 0.0)
         good = error <= np.maximum(_TOLERANCE * np.abs(tests).max(axis=1), rounding)
         narrow = ~good & (end - begin <= _NARROWEST * end)
-        # A straight line there: a polynomial would swing around a leap.
-        coefficients[narrow] = 0.0
-        coefficients[narrow, 0], slope = values[narrow, 0], values[narrow, -1] - values[narrow, 0]
-        coefficients[narrow, 1] = slope
+        coefficients[narrow] = lines[narrow]  # a polynomial would swing around a leap
         kept = good | narrow
         done.append((begin[kept], coefficients[kept]))
         if sum(len(knots) for knots, _ in done) + len(begin) > _MOST_CELLS:

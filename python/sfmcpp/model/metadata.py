@@ -107,7 +107,7 @@ class Metadata:
     def of_points(self, chosen: NDArray[np.int64], count: int) -> Metadata:
         """Those of some of `count` points, by number."""
         require_entries(self.extra)
-        colors = None if self.point_colors is None else self.point_colors[chosen]
+        colors = _rows_of_array("point_colors", self.point_colors, chosen, count)
         return replace(
             self, point_colors=colors, extra=_rows_of_entries(self.extra, _OF_POINTS, chosen, count)
         )
@@ -129,8 +129,10 @@ class Metadata:
             extra[REGISTERED] = np.isin(np.arange(len(extra[REGISTERED])), places[chosen])
         elif REGISTERED in extra:  # in another order the file's cameras are not told any more
             del extra[REGISTERED]
+        if self.image_names:
+            _require_count("image_names", self.image_names, count)
         names = [self.image_names[i] for i in chosen] if self.image_names else []
-        sizes = None if self.image_sizes is None else self.image_sizes[chosen]
+        sizes = _rows_of_array("image_sizes", self.image_sizes, chosen, count)
         return replace(self, image_names=names, image_sizes=sizes, extra=extra)
 
     def of_intrinsics(self, chosen: NDArray[np.int64], number: IndexArray) -> Metadata:
@@ -235,6 +237,22 @@ def _rows_of_entries(
     """`extra` with some rows of the named entries, where these have `count` of them."""
     fitting = [name for name in names if name in extra and len(extra[name]) == count]
     return extra | {name: _chosen_rows(extra[name], chosen) for name in fitting}
+
+
+def _rows_of_array(
+    name: str, values: NDArray[Any] | None, chosen: NDArray[Any], count: int
+) -> NDArray[Any] | None:
+    """Some rows of an attribute that has `count` of them, or is None."""
+    if values is None:
+        return None
+    _require_count(name, values, count)
+    rows: NDArray[Any] = np.asarray(values)[chosen]
+    return rows
+
+
+def _require_count(name: str, values: Any, count: int) -> None:
+    if len(values) != count:
+        raise InvalidArgument(f"metadata {name}: {len(values)} entries, must be {count}")
 
 
 def _chosen_rows(values: Any, chosen: NDArray[Any]) -> Any:

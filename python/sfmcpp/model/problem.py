@@ -260,7 +260,8 @@ class Problem:
         Raises
         ------
         InvalidArgument
-            If a name is unknown, a number is out of range or there twice, or a mask has another length.
+            If a name is unknown or that of several images, a number is out of range or there twice, or a mask
+            has another length.
         """
         return selection.of_cameras(self, chosen)
 

@@ -233,7 +233,7 @@ class ResidualGroup(MemberGroup):
         poses = points = None
         if self.cameras is not None:
             self._require_range("cameras", self.cameras, problem.num_cameras)
-            poses = problem.cameras[self.cameras].reshape(self.num_members, -1, 3, 4)
+            poses = problem.cameras[self.cameras].reshape(self.num_members, 1 + self._pairs, 3, 4)
         if self.points is not None:
             self._require_range("points", self.points, problem.num_points)
             if not problem.is_metric:

@@ -92,10 +92,13 @@ def _numbers_of_names(problem: Problem, chosen: ArrayLike) -> ArrayLike:
     wanted = number_array("chosen", chosen)
     if wanted.dtype.kind != "U":
         return chosen
-    number = {name: k for k, name in enumerate(problem.metadata.image_names)}
+    names = problem.metadata.image_names
+    number = {name: k for k, name in enumerate(names)}
     for name in wanted.ravel().tolist():
         if name not in number:
             raise InvalidArgument(f"chosen: no image is called {name!r}")
+        if len(number) < len(names) and names.count(name) > 1:
+            raise InvalidArgument(f"chosen: {names.count(name)} images are called {name!r}")
     return np.array([number[name] for name in wanted.ravel().tolist()], dtype=np.int64)
 
 

@@ -99,7 +99,7 @@ def _median_pace(columns: slice) -> Measure:
         if not len(first):
             first = np.arange(min(1, len(t_s) - 1))
         last = np.minimum(later[first], len(t_s) - 1)
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):  # so late that a second later is the same number
             ways = values[last, columns] - values[first, columns]
             pace = np.linalg.norm(ways, axis=1) / (t_s[last] - t_s[first])
         moving = pace[pace > 0]

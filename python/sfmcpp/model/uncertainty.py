@@ -59,13 +59,22 @@ class Uncertainty:
             None if self.covariance_px2 is None else self.covariance_px2[chosen],
         )
 
+    def as_sigmas(self, count: int) -> FloatArray:
+        """Standard deviations (M,) [px] of `count` observations without covariances."""
+        return np.ones(count) if self.sigma_px is None else self.sigma_px
+
+    def as_covariances(self, count: int) -> FloatArray:
+        """Covariances (M, 2, 2) [px²] of `count` observations."""
+        if self.covariance_px2 is not None:
+            return self.covariance_px2
+        return self.as_sigmas(count)[:, None, None] ** 2 * np.eye(2)
+
     def followed_by(self, sigma_px: FloatArray, count: int) -> Uncertainty:
         """That of `count` observations, and after them of some with standard deviations (k,) [px]."""
         if self.covariance_px2 is not None:
-            more = sigma_px[:, None, None] ** 2 * np.eye(2)
+            more = Uncertainty(sigma_px).as_covariances(len(sigma_px))
             return Uncertainty(covariance_px2=np.concatenate([self.covariance_px2, more]))
-        known = np.ones(count) if self.sigma_px is None else self.sigma_px
-        return Uncertainty(sigma_px=np.concatenate([known, sigma_px]))
+        return Uncertainty(sigma_px=np.concatenate([self.as_sigmas(count), sigma_px]))
 
 
 def _cross(covariances: FloatArray) -> FloatArray:

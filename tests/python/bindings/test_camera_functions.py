@@ -393,3 +393,13 @@ def test_a_function_that_gives_other_values_when_called_again_is_named() -> None
     )
     warnings = sfmcpp.solve(copied(scene(), noisy), max_iterations=2).warnings
     assert "camera_model 'own': its function gives other values when it is called again" in warnings[0]
+
+
+def test_what_is_wrong_with_a_problem_is_told_before_its_derivatives_are_looked_at() -> None:
+    problem = copied(scene(), own_bal())
+    nothing = problem.with_observations([])
+    with pytest.raises(InvalidArgument, match="observations: there are none"):
+        sfmcpp.solve(nothing, constraints=[ConstraintGroup("position", [0, 1], nothing.centres[:2])])
+    problem.camera_index[3] = 99
+    with pytest.raises(InvalidArgument, match=r"camera_index\[3\]"):
+        sfmcpp.solve(problem)

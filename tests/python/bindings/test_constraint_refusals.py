@@ -106,6 +106,7 @@ def test_cameras_that_have_no_pose_or_no_free_focal_length_are_refused() -> None
         ("member_weights", np.ones(4), r"member_weights: shape \(4,\), must be \(3\)"),
         ("cameras", np.array([1]), r"values: shape \(3, 3\), must be \(1, 3\)"),
         ("cameras", np.arange(3) + 2**32, "cameras: value 4294967298 does not fit in 32 bits"),
+        ("cameras", [-(2**31), 2**31, 0], "cameras: value 2147483648 does not fit in 32 bits"),
         ("cameras", [[0], [1, 2]], "cameras = .*: must be an array of numbers"),
         ("points", [np.zeros((2, 3))], "points: 1 arrays, kind 'position' of 3 members needs 0"),
         ("weight", "auto", r"weight = 'auto': must be a number; solve\(…, weight=…\) chooses it"),

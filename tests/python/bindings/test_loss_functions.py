@@ -60,6 +60,18 @@ def test_a_loss_may_fall_faster_than_any_power() -> None:
     assert (weight >= 0).all()
 
 
+@pytest.mark.parametrize("c", [0.1, 0.7, 1.3, 4.685, 7.3, 33.0])
+def test_a_loss_may_have_its_scale_inside_wherever_its_weight_falls_to_zero(c: float) -> None:
+    def weight(s: Array) -> Array:
+        return np.maximum(1 - s / c**2, 0) ** 2
+
+    own = LossFunction(lambda s: c**2 / 3 * (1 - np.maximum(1 - s / c**2, 0) ** 3), weight)
+    s = np.concatenate([[0.0], np.geomspace(1e-9, 1e9, 5000), np.linspace(0.0, 2 * c**2, 4001)])
+    expected, found = _core.loss_terms("tukey", c, s), _core.loss_terms(own, 1.0, s)
+    np.testing.assert_allclose(found[0], expected[0], rtol=3e-12, atol=1e-12)
+    np.testing.assert_allclose(found[1], expected[1], rtol=1e-9, atol=2e-12)
+
+
 @pytest.mark.parametrize("options", [{}, {"method": "dog-leg"}, {"line_search": "g-als"}])
 @pytest.mark.parametrize("name", COPIES)
 def test_a_copy_of_a_built_in_loss_takes_the_same_iterations(name: str, options: dict[str, Any]) -> None:

@@ -135,3 +135,16 @@ def test_options_read_back_what_was_set() -> None:
     options.loss_scale_px = 2.5
     assert options.loss_scale_px == 2.5
     assert options.max_seconds is None
+
+
+@pytest.mark.parametrize("loss", ["squared", "huber"])
+def test_a_cost_refuses_the_scales_that_a_solve_refuses(problem: Problem, loss: str) -> None:
+    for scale in (0.0, -1.0, float("nan")):
+        with pytest.raises(InvalidArgument, match=r"loss_scale_px = .*: must be positive and finite"):
+            sfmcpp.cost(problem, loss=loss, loss_scale_px=scale)
+
+
+def test_an_option_that_there_is_not_is_refused_where_it_is_set() -> None:
+    options = sfmcpp.SolveOptions()
+    with pytest.raises(AttributeError, match="no option 'max_iteration': options are method, "):
+        options.max_iteration = 3  # type: ignore[attr-defined]

@@ -167,3 +167,25 @@ def test_the_algebraic_cost_is_that_in_the_frame_of_a_solve() -> None:
         image = (problem.pixels - centre) / scale
         errors = seen[:, :2] - image * seen[:, 2:]
         assert found == pytest.approx(0.5 * np.sum(errors**2), rel=1e-9)
+
+
+def test_a_projective_copy_shares_nothing_with_its_problem() -> None:
+    problem = scene()
+    problem.sigma_px = np.full(problem.num_observations, 2.0)
+    problem.metadata.image_names = [f"{k}.jpg" for k in range(problem.num_cameras)]
+    projective = sfmcpp.as_projective(problem)
+    for name in ("camera_index", "point_index", "sigma_px", "fixed_cameras", "points", "pixels"):
+        assert not np.shares_memory(getattr(projective, name), getattr(problem, name)), name
+    projective.metadata.image_names.clear()
+    assert len(problem.metadata.image_names) == problem.num_cameras
+
+
+@pytest.mark.parametrize("name", ["camera_index", "point_index"])
+def test_a_projective_problem_refuses_what_is_none_of_its_cameras_and_points(name: str) -> None:
+    problem = scene()
+    indices = {k: getattr(problem, k).copy() for k in ("camera_index", "point_index")}
+    indices[name][3] = 1000
+    with pytest.raises(InvalidArgument, match=f"{name}: must be from 0 to"):
+        sfmcpp.projective_problem(
+            sfmcpp.projection_matrices(problem), problem.points, pixels=problem.pixels, **indices
+        )

@@ -268,3 +268,11 @@ def test_a_function_that_gives_other_values_when_called_again_is_named(habit: st
     group = ResidualGroup(own, CAMERAS, name="gps")
     (warning,) = sfmcpp.solve(scene(), constraints=[group], max_iterations=2).warnings
     assert "constraints['gps']: its function gives other values when it is called again" in warning
+
+
+@pytest.mark.parametrize("shape", [(0,), (0, 2)])
+def test_a_group_without_members_costs_nothing(shape: tuple[int, ...]) -> None:
+    group = ResidualGroup(lambda poses: np.zeros((len(poses), 3)), np.zeros(shape, np.int32), name="none")
+    found = sfmcpp.solve(scene(), constraints=[group])
+    assert found.final_cost == sfmcpp.solve(scene()).final_cost
+    assert found.constraint_costs == {"none": (0.0, 0.0)}

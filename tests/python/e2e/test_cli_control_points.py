@@ -53,6 +53,22 @@ def test_a_file_ends_in_the_world_of_its_control_points(
     assert where.read_text().splitlines()[1].startswith("IMG_000.jpg,69")
 
 
+@pytest.mark.parametrize("target", ["--positions-out", "--covariances", "--report"])
+@pytest.mark.parametrize("option", ["--gcp", "--gps"])
+def test_a_file_of_the_survey_is_never_replaced(
+    survey: tuple[Path, Path, FloatArray], option: str, target: str
+) -> None:
+    source, table, _ = survey
+    if option == "--gps":
+        table.write_text(
+            "name,x,y,z\n" + "".join(f"IMG_{k:03d}.jpg,{k % 7},{k % 5},{k}\n" for k in range(30))
+        )
+    before = table.read_bytes()
+    refused = run_here("solve", source, option, table, target, table)
+    assert (refused.returncode, table.read_bytes() == before) == (2, True)
+    assert refused.stderr.startswith(f"sfmcpp: error: {table}: is named twice")
+
+
 def test_what_does_not_go_together_is_refused_in_one_line(
     survey: tuple[Path, Path, FloatArray], tmp_path: Path
 ) -> None:

@@ -70,3 +70,13 @@ def test_what_cannot_be_converted_is_told(tmp_path: Path, tum: Path, arguments: 
     assert is_one_error_line(result)
     assert told in result.stderr
     assert not (tmp_path / "out.txt").exists()
+
+
+def test_the_file_of_times_is_not_replaced(tmp_path: Path) -> None:
+    write_trajectory(winding(), tmp_path / "kitti.txt", format="kitti")
+    times = "".join(f"{t:.9f}\n" for t in winding().t_s)
+    (tmp_path / "times.txt").write_text(times)
+    how = ("--format", "tum", "--times", "./times.txt")
+    result = run_here("convert", "kitti.txt", "times.txt", *how, cwd=tmp_path)
+    assert (result.returncode, (tmp_path / "times.txt").read_text() == times) == (2, True)
+    assert "times.txt: is named twice" in result.stderr

@@ -376,3 +376,22 @@ def test_what_cannot_be_resumed_is_one_line_before_the_run(tmp_path: Path) -> No
         assert (result.returncode, is_one_error_line(result)) == (2, True), result.stderr
         assert told in result.stderr
         assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--weight-bounds", "none"], "'none': there is no --sensor to weigh"),
+        (["--clock-offset", "0.5"], "0.5: there is no --sensor with a clock"),
+        (
+            [*ODOMETER, "--sensor-sigma", "odometer=1", "--sensor-sigma", "odometer=2"],
+            "'odometer' is named twice",
+        ),
+    ],
+)
+def test_options_without_effect_are_refused(tmp_path: Path, options: list[str], told: str) -> None:
+    result = run_here("slam", write_drive(tmp_path / "drive.csv", corridor(4)), *OUT, *options, cwd=tmp_path)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert told in result.stderr
+    assert names_in(tmp_path) == ["drive.csv"]

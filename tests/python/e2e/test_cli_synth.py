@@ -94,6 +94,7 @@ def test_a_solve_of_the_start_finds_back_to_the_cost_of_the_truth(tmp_path: Path
         (["circle", "-o", "a.npz", "--point-sigma-m", "1e308"], "points[0, 0] is "),
         (["circle", "-o", "a.npz", "--distortion", "0.1,0"], "camera model 'calibrated' has none"),
         (["circle", "-o", "a.npz", "--outliers", "1.5"], "share = 1.5"),
+        (["circle", "-o", "a.npz", "--outlier-sigma-px", "9"], "there are no --outliers"),
         (["circle", "-o", "a.npz", "--pixel-sigma-px", "-1"], "pixel_sigma_px = -1"),
         (["circle", "-o", "a.npz", "--point-sigma-m", "nan"], "point_sigma_m = nan"),
         (["circle", "-o", "a.npz", "--focal-px", "0"], "focal_px = 0"),

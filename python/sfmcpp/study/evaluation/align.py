@@ -66,7 +66,8 @@ class AlignmentRule:
         """How many of the first `pairs` are used; a share is rounded up, and three are the fewest."""
         if self.mode != "first":
             return pairs if self.mode == "all" else 0
-        wanted = math.ceil(self.amount * pairs) if self.amount < 1 else int(self.amount)
+        # Rounded before it is rounded up: 0.07 times 100 is a little above 7 in binary.
+        wanted = math.ceil(round(self.amount * pairs, 9)) if self.amount < 1 else int(self.amount)
         return min(pairs, max(wanted, _FEWEST))
 
     def __str__(self) -> str:

@@ -184,7 +184,7 @@ def pairs_apart(
 
 
 def relative_poses(first: FloatArray, second: FloatArray) -> FloatArray:
-    """``first⁻¹ second``: poses (n, 3, 4) of the second seen from the first."""
+    """``first⁻¹ second``: poses (n, 3, 4) of the second seen from the first, which may be one for all."""
     back = np.swapaxes(first[:, :, :3], 1, 2)
     offset = second[:, :, 3:] - first[:, :, 3:]
     return np.concatenate([back @ second[:, :, :3], back @ offset], axis=2)
@@ -219,12 +219,12 @@ def _pairs_by_path(path: FloatArray, delta: float) -> NDArray[np.int64]:
 
 
 def _all_pairs_by_path(path: FloatArray, delta: float, relative_tolerance: float) -> NDArray[np.int64]:
-    """Each pose with the later one whose distance along the path is nearest to `delta`."""
-    wanted = path[:-1] + delta
-    after = np.clip(np.searchsorted(path, wanted), np.arange(1, len(path)), len(path) - 1)
-    before = np.maximum(after - 1, np.arange(1, len(path)))
+    """Each pose with the later one nearest to `delta` along the path, at a stop the first."""
+    wanted, later = path[:-1] + delta, np.arange(1, len(path))
+    after = np.clip(np.searchsorted(path, wanted), later, len(path) - 1)
+    before = np.maximum(after - 1, later)
     nearer = np.abs(path[before] - wanted) <= np.abs(path[after] - wanted)
-    second = np.where(nearer, before, after)
+    second = np.maximum(np.searchsorted(path, path[np.where(nearer, before, after)]), later)
     close = np.abs(path[second] - wanted) <= relative_tolerance * delta
     return np.stack([np.arange(len(path) - 1)[close], second[close]], axis=1)
 
@@ -289,19 +289,13 @@ def _errors_from(row: int, estimate: FloatArray, truth: FloatArray, no_baseline:
     """Errors (n − row − 1,) of the pairs of an image and all after it."""
     missing = np.isnan(estimate[row:, 0, 0])
     with np.errstate(invalid="ignore"):
-        ours, true = (_poses_in_frame_of(poses[row], poses[row + 1 :]) for poses in (estimate, truth))
+        ours, true = (relative_poses(poses[row : row + 1], poses[row + 1 :]) for poses in (estimate, truth))
         turn = rotation_angle(np.swapaxes(true[:, :, :3], 1, 2) @ ours[:, :, :3])
         apart = _angles(ours[:, :, 3], true[:, :, 3])
     apart[np.linalg.norm(true[:, :, 3], axis=1) <= no_baseline] = 0.0
     errors = np.rad2deg(np.maximum(turn, apart))
     errors[missing[1:] | missing[0]] = np.inf
     return np.asarray(errors)
-
-
-def _poses_in_frame_of(first: FloatArray, others: FloatArray) -> FloatArray:
-    """Poses (k, 3, 4) in the frame of the first camera."""
-    back = first[:, :3].T
-    return np.concatenate([back @ others[:, :, :3], back @ (others[:, :, 3:] - first[:, 3:])], axis=2)
 
 
 def _angles(one: FloatArray, other: FloatArray) -> FloatArray:

@@ -361,3 +361,17 @@ def test_leverages_do_not_depend_on_how_weakly_the_gauge_is_held() -> None:
         for w in (1e-4, 1e-6)
     )
     np.testing.assert_allclose(weak, weaker, atol=1e-5)
+
+
+def test_a_model_stays_what_it_was_where_arrays_of_its_problem_change() -> None:
+    problem = problem_of("shared")
+    group = ConstraintGroup("position", [1, 2], problem.centres[[1, 2]] + 0.1, sigma=0.5)
+    model = sfmcpp.linearize(problem, constraints=[group])
+    before = model.normal_matrix().toarray(), model.gradient(), model.step().problem.points
+    for name in ("cameras", "points", "pixels", "intrinsics"):
+        getattr(problem, name)[:] += 1.0
+    for name in ("camera_index", "point_index", "intrinsics_index"):
+        getattr(problem, name)[:] = np.roll(getattr(problem, name), 1)
+    after = model.normal_matrix().toarray(), model.gradient(), model.step().problem.points
+    for expected, found in zip(before, after, strict=True):
+        np.testing.assert_array_equal(found, expected)

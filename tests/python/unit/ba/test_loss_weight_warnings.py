@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import sfmcpp
@@ -37,3 +38,16 @@ def test_the_share_is_that_of_observations_with_less_than_a_tenth_of_their_weigh
     problem, wrong = sfmcpp.add_outliers(start(0.0), 0.6, seed=3)
     summary = sfmcpp.solve(problem, loss="truncated", max_iterations=0)
     assert any(warning.startswith(f"{wrong.mean():.0%} of the") for warning in summary.warnings)
+
+
+def test_of_a_loss_that_is_a_function_the_weights_count_not_its_scale() -> None:
+    narrow = sfmcpp.LossFunction(
+        lambda s: (1 - np.maximum(1 - 100 * s, 0) ** 3) / 300, lambda s: np.maximum(1 - 100 * s, 0) ** 2
+    )
+    summaries = [
+        sfmcpp.solve(start(0.0), loss=narrow),
+        sfmcpp.solve(start(0.0), loss="tukey", loss_scale_px=0.1),
+    ]
+    own, named = ([w.split("%")[0] for w in summary.warnings if TOLD in w] for summary in summaries)
+    assert own == named
+    assert len(own) == 1

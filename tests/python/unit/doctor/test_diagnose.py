@@ -202,6 +202,7 @@ WEIRD = {
     "points alone": lambda: empty(points=3),
     "cameras alone": lambda: empty(cameras=3),
     "no observations": lambda: empty(points=3, cameras=2),
+    "no observations with a σ": lambda: replace(empty(points=3, cameras=2), sigma_px=np.zeros(0)),
     "all fixed": all_fixed,
     "one camera": one_camera,
     "one point": one_point,
@@ -304,6 +305,47 @@ def test_a_diagnosis_shows_itself_in_one_line_and_in_a_notebook_as_its_list() ->
     assert repr(found) == "Diagnosis(note gauge-freedoms)"
     opening = '<pre style="white-space: pre-wrap">1. note: gauge-freedoms: all 7 gauge freedoms'
     assert found._repr_html_().startswith(opening)
+
+
+@pytest.mark.parametrize("kind", ["focal", "principal-point", "orientation", "displacement-rotation"])
+def test_parts_stay_apart_where_a_constraint_says_nothing_of_places(kind: str) -> None:
+    problem = halves(scene(), 0)
+    cameras = np.arange(problem.num_cameras)
+    turns = np.swapaxes(problem.rotations[:-1], 1, 2) @ problem.rotations[1:]
+    groups = {
+        "focal": ConstraintGroup("focal", cameras, problem.intrinsics[:, 0]),
+        "principal-point": ConstraintGroup("principal-point", cameras, problem.intrinsics[:, 2:4]),
+        "orientation": ConstraintGroup("orientation", cameras, problem.rotations),
+        "displacement-rotation": ConstraintGroup(
+            "displacement-rotation", np.stack([cameras[:-1], cameras[1:]], axis=1), turns
+        ),
+    }
+    assert "disconnected-parts" in diagnose(problem, constraints=[groups[kind]]).codes
+    places = positions(problem, cameras.tolist())
+    assert "disconnected-parts" not in diagnose(problem, constraints=[groups[kind], places]).codes
+
+
+def test_images_of_unknown_size_say_nothing_of_their_middle_or_edge() -> None:
+    problem = circle_scene(12, 200, pixel_sigma_px=0.5, seed=0)
+    problem.metadata.image_sizes = np.zeros((12, 2), dtype=np.int64)  # as COLMAP and tracks have it
+    assert diagnose(problem).codes == ["gauge-freedoms"]
+    problem.pixels[:, 1] = 2 * problem.intrinsics[0, 3] - problem.pixels[:, 1]
+    assert diagnose(problem).codes[0] == "mirrored-y"
+
+
+def test_a_convention_is_found_where_it_explains_the_images_to_the_last_bit() -> None:
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.integers(-4, 5, (60, 2)), rng.choice([4, 8], 60)].astype(np.float64)
+    cameras = np.tile(np.eye(3, 4), (6, 1, 1))
+    cameras[:, :2, 3] = rng.integers(-2, 3, (6, 2))
+    camera, point = np.divmod(np.arange(360), 60)
+    offset = points[point] - cameras[camera, :, 3]
+    pixels = 512 * offset[:, :2] / offset[:, 2:] + [320, 240]
+    intrinsics = np.tile([512.0, 1.0, 320.0, 240.0, 0.0], (6, 1))
+    problem = Problem("calibrated", cameras, intrinsics, points, camera, point, pixels)
+    assert not sfmcpp.residuals(problem).any()
+    problem.pixels = np.ascontiguousarray(pixels[:, ::-1])
+    assert diagnose(problem).codes[0] == "swapped-pixels"
 
 
 def far_away(problem: Problem) -> Problem:

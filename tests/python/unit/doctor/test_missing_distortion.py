@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,3 +53,9 @@ def test_a_wrong_focal_length_is_no_distortion(factor: float) -> None:
 @pytest.mark.parametrize("scene", ["city-blocks", "street-loop"])
 def test_a_lens_without_distortion_raises_no_alarm(scene: str) -> None:
     assert "missing-distortion" not in diagnose(photographed(scene, 0.0)).codes
+
+
+def test_rows_of_intrinsics_that_nothing_observes_hide_no_distortion() -> None:
+    problem = photographed("street-loop", K1)
+    unused = {name: np.tile(getattr(problem, name), (300, 1)) for name in ("intrinsics", "fixed_intrinsics")}
+    assert "missing-distortion" in diagnose(replace(problem, **unused)).codes

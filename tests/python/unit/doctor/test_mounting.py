@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import sfmcpp
+from faults import halves
 from sfmcpp import Problem, Rigs
 from sfmcpp.doctor import repair
+from sfmcpp.doctor.solution import depth_reversed
+from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.rigs import composed
 
 FRAMES, POINTS, FOCAL, SIZE = 12, 400, 600.0, (640, 480)
@@ -114,6 +119,28 @@ def test_cameras_of_a_frame_are_of_one_part_and_nothing_of_a_rig_is_dropped() ->
     assert repair(problem).problem.num_observations == problem.num_observations
 
 
+def test_a_weak_camera_that_is_alone_in_its_frame_is_named() -> None:
+    problem = sfmcpp.circle_scene(8, 60, pixel_sigma_px=0.5, seed=3)
+    few = np.flatnonzero(problem.camera_index == 4)[4:]
+    problem = problem.with_observations(np.delete(np.arange(problem.num_observations), few))
+    assert "weak-cameras" in sfmcpp.diagnose(problem).codes
+    problem.rigs = Rigs(np.eye(3, 4)[None], np.arange(8), np.zeros(8, np.int32))
+    assert "weak-cameras" in sfmcpp.diagnose(problem).codes
+    problem.rigs = Rigs(np.tile(np.eye(3, 4), (2, 1, 1)), [0, 1, 2, 3, 4, 4, 5, 6], [0, 0, 0, 0, 0, 1, 0, 0])
+    problem.cameras[:] = problem.rigs.rigid(problem.cameras)
+    assert "weak-cameras" not in sfmcpp.diagnose(problem).codes
+
+
+def test_frames_on_either_side_of_a_weak_link_do_not_hold_it() -> None:
+    problem = halves(sfmcpp.circle_scene(8, 60, pixel_sigma_px=0.5, seed=3), 2)
+    assert "weak-link" in sfmcpp.diagnose(problem).codes
+    sensors = np.tile(np.eye(3, 4), (2, 1, 1))
+    for frames, is_found in (([0, 0, 1, 1, 2, 2, 3, 3], True), ([0, 1, 2, 3, 3, 2, 1, 0], False)):
+        rigs = Rigs(sensors, frames, [0, 1, 0, 1, 0, 1, 0, 1] if is_found else [0, 0, 0, 0, 1, 1, 1, 1])
+        tied = replace(problem, rigs=rigs, cameras=rigs.rigid(problem.cameras))
+        assert ("weak-link" in sfmcpp.diagnose(tied).codes) == is_found
+
+
 def test_intrinsics_are_examined_beside_a_sensor_that_nothing_tells() -> None:
     problem = rig(turns=False)
     problem = Problem(
@@ -130,3 +157,31 @@ def test_intrinsics_are_examined_beside_a_sensor_that_nothing_tells() -> None:
     found = sfmcpp.diagnose(problem)
     assert "undetermined-sensors" in found.codes
     assert not found.skipped
+
+
+def test_minima_near_a_solution_with_rigs_are_looked_for() -> None:
+    problem = sfmcpp.rig_walk_scene(24, 1500, seed=0)
+    summary = sfmcpp.solve(problem)
+    assert not sfmcpp.diagnose(problem, summary=summary).skipped
+    inside_out = depth_reversed(problem)
+    assert inside_out.rigs is not None
+    assert np.abs(inside_out.rigs.rigid(inside_out.cameras) - inside_out.cameras).max() < 1e-9
+
+
+@pytest.mark.parametrize("freedoms", [6, 7])
+def test_a_scale_that_a_rig_gives_is_no_part_of_the_frame_that_fits_best(freedoms: int) -> None:
+    problem = sfmcpp.rig_walk_scene(24, 1500, seed=0)
+    if freedoms == 7:
+        problem.rigs = None
+    summary = sfmcpp.solve(problem)
+    joint = sfmcpp.linearize(problem, gauge="fixed").covariance(cameras="all", joint=True).joint
+    assert joint is not None
+    rows = (len(joint) // 24 * np.arange(24)[:, None] + np.arange(3, 6)).ravel()
+    # Inner constraints of the centres, from any other frame (Baarda 1973).
+    frame = motions_of_positions(problem.centres - problem.centres.mean(axis=0)).reshape(-1, 7)[:, :freedoms]
+    inner = np.eye(len(frame)) - frame @ np.linalg.pinv(frame)
+    variances = np.diag(inner @ joint[np.ix_(rows, rows)] @ inner).reshape(-1, 3).sum(axis=1)
+    count, points = 2 * problem.num_observations, len(np.unique(problem.point_index))
+    noise = summary.final_rms_px * np.sqrt(count / (count - 6 * 24 - 3 * points))
+    (found,) = (f for f in sfmcpp.diagnose(problem, summary=summary).findings if f.code == "worst-cameras")
+    assert found.measures["worst_sigma"] == pytest.approx(noise * np.sqrt(variances.max()), rel=1e-6)

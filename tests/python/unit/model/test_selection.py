@@ -249,3 +249,26 @@ def test_cameras_are_chosen_by_the_names_of_their_images() -> None:
     np.testing.assert_array_equal(fewer.cameras, problem.cameras[[3, 1]])
     with pytest.raises(InvalidArgument, match=r"chosen: no image is called '7\.png'"):
         problem.with_cameras(["1.jpg", "7.png"])
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("image_names", ["a", "b"], "metadata image_names: 2 entries, must be 4"),
+        ("image_sizes", np.ones((2, 2), np.int64), "metadata image_sizes: 2 entries, must be 4"),
+        ("point_colors", np.ones((2, 3), np.uint8), "metadata point_colors: 2 entries, must be 30"),
+    ],
+)
+def test_metadata_that_do_not_fit_are_refused_by_name(name: str, value: Any, told: str) -> None:
+    problem = scene()
+    setattr(problem.metadata, name, value)
+    with pytest.raises(InvalidArgument, match=told):
+        problem.with_points([3, 7]) if name == "point_colors" else problem.with_cameras([0, 3])
+
+
+def test_a_name_of_several_images_is_that_of_none() -> None:
+    problem = scene()
+    problem.metadata.image_names = ["a.jpg", "b.jpg", "a.jpg", "c.jpg"]
+    assert problem.with_cameras(["c.jpg", "b.jpg"]).metadata.image_names == ["c.jpg", "b.jpg"]
+    with pytest.raises(InvalidArgument, match=r"chosen: 2 images are called 'a\.jpg'"):
+        problem.with_cameras(["a.jpg"])

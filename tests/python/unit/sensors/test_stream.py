@@ -223,3 +223,8 @@ def test_a_local_median_is_that_of_the_rows_about_each(shape: tuple[int, ...], r
     rows = np.random.default_rng(0).normal(size=shape)
     expected = [np.median(rows[max(0, k - reach) : k + reach + 1], axis=0) for k in range(len(rows))]
     np.testing.assert_array_equal(local_medians(rows, reach), expected)
+
+
+def test_stamps_in_nanoseconds_raise_no_warning_of_numpy() -> None:
+    stamps = 1.6e18 + 1e8 * np.arange(5)  # a second later is the same number
+    assert len(SensorStream(stamps, 0.01 * np.arange(5.0), "distance")) == 5

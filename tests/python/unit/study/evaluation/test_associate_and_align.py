@@ -84,6 +84,8 @@ def test_unknown_matches_and_limits_are_refused() -> None:
         ("first:0.1", 50, 5),
         ("first:0.1", 51, 6),
         ("first:0.1", 12, 3),
+        ("first:0.07", 100, 7),
+        ("first:0.55", 100, 55),
         ("first:20", 50, 20),
         ("first:20", 15, 15),
     ],

@@ -82,6 +82,19 @@ def test_relative_errors_are_evos(delta: float, unit: str, all_pairs: bool) -> N
     assert_as_evo(ours, (evos(truth), evos(estimate)), all_pairs)
 
 
+@pytest.mark.parametrize("all_pairs", [False, True])
+@pytest.mark.parametrize("delta", [0.5, 2.0, 3.3])
+def test_relative_errors_over_stops_are_evos(delta: float, all_pairs: bool) -> None:
+    truth = path()
+    estimate = drifting(truth)
+    poses = estimate.poses.copy()
+    for begin, end in ((5, 9), (20, 33), (len(poses) - 4, len(poses))):  # it stands there, and turns
+        poses[begin:end, :, 3] = poses[begin, :, 3]
+    estimate = estimate.with_poses(poses)
+    ours = evaluate(estimate, truth, align_to="none", delta=delta, delta_unit="m", all_pairs=all_pairs)
+    assert_as_evo(ours, (evos(truth), evos(estimate)), all_pairs)
+
+
 def test_association_is_evos() -> None:
     truth = path(80)
     rng = np.random.default_rng(3)
