@@ -7,7 +7,7 @@ import pytest
 
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.model import SensorStream
-from sfmcpp.slam import Gyroscope, Odometer, SlamResult, TrackSequence, run_slam
+from sfmcpp.slam import Gyroscope, Odometer, Slam, SlamResult, TrackSequence, run_slam
 from slam_helpers import INTRINSICS, STEP_S, drive, path, project
 from winding import AT_CAMERA, length
 
@@ -35,7 +35,9 @@ def require_no_map(result: SlamResult, told: str) -> None:
 
 
 def test_no_frame_gives_a_message_and_no_map() -> None:
-    require_no_map(run_slam(TrackSequence([], [], [], np.empty((0, 2)), INTRINSICS)), "there is no frame")
+    slam = Slam(INTRINSICS)
+    slam.finish()
+    require_no_map(slam.result, "there is no frame")
 
 
 @pytest.mark.parametrize(("frames", "told"), [(1, "frame 0 is the only frame"), (2, "the image moves")])
