@@ -71,9 +71,7 @@ RIGS = ("unit/ba/test_rigs.py", "unit/ba/test_free_sensors.py")
 LEFT_OUT = "interrupt or scipy or other_threads or trade_off or median or folds"
 
 
-@pytest.mark.parametrize(
-    ("count", "files", "least"), [(2, SOLVING + METHODS + RIGS, 250), (3, METHODS + RIGS, 150)]
-)
+@pytest.mark.parametrize(("count", "files", "least"), [(2, SOLVING + METHODS + RIGS, 250), (3, METHODS, 85)])
 def test_the_tests_that_solve_pass_on_several_ranks(
     count: int, files: tuple[str, ...], least: int, tmp_path: Path
 ) -> None:
