@@ -37,7 +37,8 @@ Topics = Annotated[
     typer.Option(
         "--topic",
         metavar="NAME",
-        help="Topic to take, one for images and one for each sensor; repeatable. Default: all.",
+        help="Topic to take, one for images and one for each sensor; repeatable. Default: the only one of "
+        "its kind.",
     ),
 ]
 NoCamera = Annotated[

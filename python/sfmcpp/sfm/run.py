@@ -122,7 +122,8 @@ def reconstruct(
     camera : str, float, path-like or array
         ``"auto"``: focal lengths from the files, else estimated from the matches. ``"exif"``: from the files,
         required. A number: initial focal length [px], held fixed with `camera_model` "fixed". A file
-        ``K.txt`` or ``calib.txt``, or intrinsics (5,), (12,) or (3, 3): known and held fixed.
+        (``K.txt``, ``calib.txt``, YAML or XML of OpenCV, Kalibr or EuRoC), or intrinsics (5,), (12,) or
+        (3, 3): known and held fixed.
     camera_model : str
         Which intrinsics are estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
         or ``"opencv"``. ``"auto"``: those of the models in a COLMAP database; else ``"simple-radial"``, then
@@ -134,7 +135,7 @@ def reconstruct(
         Which pairs of images are matched: ``"auto"``, ``"exhaustive"``, ``"sequential"``, ``"spatial"``
         or ``"retrieval"``; see :func:`sfmcpp.sources.vision.choose_pairs`.
     masks : path-like, optional
-        Folder of masks: nothing is detected where they are black.
+        Folder of masks: nothing is detected where they are black. Only for a folder of images.
     gps : str or path-like
         Positions of images, to georeference the largest model: ``"none"``; ``"exif"``, from the files;
         ``"auto"``, the same if there are enough; or a CSV file of ``name, lat, lon, height`` (WGS84) or

@@ -99,9 +99,9 @@ def solve(
         The callback is called for new iterations only.
     comm : mpi4py.MPI.Comm, optional
         MPI processes that solve the problem together. Each calls this with the same arguments, except for
-        `problem`, `callback` and `threads`. Runs with the same number of processes have the same bits; with
-        another number, costs agree to rounding for direct linear solvers, and to their tolerance for
-        iterative ones. Weights are chosen by rank 0, which gathers the parts. Each rank has its own
+        `problem`, `callback` and `threads`. Runs with the same number of processes have the same bits, and
+        with the linear solver "iterative" those with any number; with direct ones, costs of another number
+        agree to rounding. Weights are chosen by rank 0, which gathers the parts. Each rank has its own
         checkpoints in the folder; resume with the same number of ranks. Run the program with ``mpiexec -n N
         python -m mpi4py PROGRAM``, so that an exception on one rank ends all.
     **options
