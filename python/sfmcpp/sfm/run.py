@@ -305,18 +305,19 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
     """Estimate unknown focal lengths from the fundamental matrices of their images."""
     intrinsics = cameras.intrinsics.copy()
     for camera in np.flatnonzero(cameras.guessed):
-        of_camera = cameras.of_image == camera
+        of_camera, size = cameras.of_image == camera, cameras.sizes[camera]
+        # The focal length is sought for a principal point at the centre; data sets may count pixels from it.
+        to_centre = size / 2 - intrinsics[camera, 2:4]
         pairs = [
             (
-                graph.features[p.first].pixels[p.verified[:, 0]],
-                graph.features[p.second].pixels[p.verified[:, 1]],
+                graph.features[p.first].pixels[p.verified[:, 0]] + to_centre,
+                graph.features[p.second].pixels[p.verified[:, 1]] + to_centre,
             )
             for p in graph.pairs
             if of_camera[p.first] and of_camera[p.second] and p.geometry.kind == "general"
         ]
-        width, height = cameras.sizes[camera]
-        size, seed = (int(width), int(height)), run.settings.seed
-        found = focal_from_pairs(pairs, size, seed=seed) if pairs else None
+        (width, height), seed = size.tolist(), run.settings.seed
+        found = focal_from_pairs(pairs, (width, height), seed=seed) if pairs else None
         if found is not None:
             intrinsics[camera, 0] = found
     return replace(cameras, intrinsics=intrinsics)
