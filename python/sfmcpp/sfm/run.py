@@ -48,9 +48,10 @@ from sfmcpp.sfm.outcome import (
 from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument, unused_positions
 from sfmcpp.sfm.refinement import Refinement, refine_models
 from sfmcpp.sfm.resized_copies import without_resized_copies
-from sfmcpp.sfm.result import SfmRun
+from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.undone_stage import undone_by_an_error
 from sfmcpp.sources.io.colmap.database import is_database
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
@@ -200,10 +201,7 @@ def reconstruct(
     found = _finished_run(source, options, scene, grown, run)
     found.warnings += refined.warnings
     found.interrupted |= refined.interrupted
-    if positions is not None and found.model is not None:
-        with run.timed("positions"):
-            _georeference(found, positions, scene.cameras, run, needed=gps != "auto")
-    _settle_focals(found, scene.cameras, run)
+    _place_and_settle(found, scene, run, needed=gps != "auto")
     return found
 
 
@@ -328,34 +326,54 @@ def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModel
     return method(scene, run.settings, lambda done: run.progress("mapping", done, total))
 
 
+def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -> None:
+    """Georeference the largest model and decide on focal lengths; Ctrl-C undoes the stage it ends."""
+    undone = "the model was georeferenced: it is as it was before, without positions"
+    try:
+        if scene.positions is not None and found.model is not None:
+            with run.timed("positions"):
+                _georeference(found, scene.positions, scene.cameras, run, needed=needed)
+        undone = "focal lengths were judged: they are as they were before"
+        _settle_focals(found, scene.cameras, run)
+    except KeyboardInterrupt:
+        found.interrupted = True
+        found.warnings.append(f"interrupted while {undone}")
+
+
 def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _Run, *, needed: bool) -> None:
     """Georeference the largest model; positions that were not asked for may prove useless.
 
     They count in what determines focal lengths.
     """
     world = found.models[0]
+    outcome: GpsOutcome | None = None
 
     def adjust() -> FloatArray | None:
-        found.gps = georeference_map(world, positions, run.settings)
-        return found.gps.intrinsics_sigmas
+        nonlocal outcome
+        outcome = georeference_map(world, positions, run.settings)
+        return outcome.intrinsics_sigmas
 
     try:
-        warnings = settle_focals_by_positions(world, cameras, run.settings, adjust)
+        with undone_by_an_error([world]):
+            warnings = settle_focals_by_positions(world, cameras, run.settings, adjust)
+            world.update_errors()
     except InvalidArgument as error:
         if needed:
             raise
-        found.gps = None
         found.warnings.append(f"positions that the files tell are not used: {error}")
         return
-    world.update_errors()
-    found.warnings += [*warnings, *(found.gps.warnings if found.gps else [])]
+    found.gps = outcome
+    found.warnings += [*warnings, *(outcome.warnings if outcome else [])]
 
 
 def _settle_focals(found: SfmRun, cameras: Cameras, run: _Run) -> None:
     """Decide on focal lengths of the models that no position tells anything of."""
-    for world in found.models[0 if found.gps is None else 1 :]:
-        found.warnings += settle_focals_by_images(world, cameras, run.settings)
-        world.update_errors()
+    models, warnings = found.models[0 if found.gps is None else 1 :], []
+    with undone_by_an_error(models):
+        for world in models:
+            warnings += settle_focals_by_images(world, cameras, run.settings)
+            world.update_errors()
+    found.warnings += warnings
 
 
 def _finished_run(
