@@ -37,6 +37,7 @@ from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
+from sfmcpp.sfm.map_backup import undone_by_an_error
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import (
     guessed_focal_lengths,
@@ -51,7 +52,6 @@ from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
-from sfmcpp.sfm.undone_stage import undone_by_an_error
 from sfmcpp.sources.io.colmap.database import is_database
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
