@@ -12,7 +12,11 @@ from sfmcpp import _core
 from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
 from sfmcpp.ba.check import with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
-from sfmcpp.ba.doubtful_input import warnings_about_calibration, warnings_about_result
+from sfmcpp.ba.doubtful_input import (
+    warnings_about_calibration,
+    warnings_about_result,
+    warnings_about_sigmas,
+)
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
@@ -93,6 +97,7 @@ def adjust(
     unit = unit_of_residuals([has_own_sigmas(arrays)])
     if unit == "px" and not calibration:  # which explains the result
         calibration += warnings_about_result(problem, summary)
+    calibration += warnings_about_sigmas(summary, problem.sigma_px)
     about_input = with_ids_of_points(summary.warnings, problem)
     warnings = [*about_input, *doubtful, *calibration, *about_loss, *checkpoints.warnings]
     return replace(summary, warnings=warnings, rms_unit=unit)

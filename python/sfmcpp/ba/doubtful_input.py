@@ -22,6 +22,8 @@ _SAMPLE = 100_000
 _FAR_PX, _NO_FIT = 20.0, 0.02
 # Real sets of good repute have up to 0.3 % of their observations behind a camera.
 _MANY_BEHIND = 0.01
+# Residuals of less than so many σ, and yet of more than so many pixels, tell nothing beside such a σ.
+_NOTHING_SIGMAS, _SOMETHING_PX = 1e-3, 1e-2
 
 
 def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list[str]:
@@ -75,6 +77,28 @@ def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
     elif summary.observations_behind_camera[1] > _MANY_BEHIND * problem.num_observations:
         share = summary.observations_behind_camera[1] / problem.num_observations
         yield f"{share:.1%} of the observations are behind their camera at the end; run sfmcpp doctor"
+
+
+def warnings_about_sigmas(summary: Summary, sigmas_px: FloatArray | None) -> list[str]:
+    """Warn of a solve that took no step because its observations have far too large σ.
+
+    Parameters
+    ----------
+    summary : Summary
+        Of the solve.
+    sigmas_px : (M,) float64 or None
+        Standard deviations of the observations [px].
+    """
+    taken = len(summary.iterations) > 1 or summary.termination != "converged"
+    if sigmas_px is None or not len(sigmas_px) or taken:
+        return []
+    usual_px = float(np.median(sigmas_px))
+    if summary.initial_rms_px >= _NOTHING_SIGMAS or summary.initial_rms_px * usual_px <= _SOMETHING_PX:
+        return []
+    return [
+        f"gradient_tolerance was met before the first step, residuals are {summary.initial_rms_px:.1g} σ: "
+        f"the σ of observations ({usual_px:.3g} px in the median) are so large that they say nothing"
+    ]
 
 
 def _scatter_of_pixels(problem: Problem) -> float:

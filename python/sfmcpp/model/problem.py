@@ -338,9 +338,10 @@ class Problem:
         return html_table(facts.items())
 
     def __repr__(self) -> str:
+        columns = (getattr(self, name) for name in ("cameras", "points", "camera_index"))
+        cameras, points, observations = ("no" if rows is None else len(rows) for rows in columns)
         return (
-            f"Problem({self._model.name!r}: {self.num_cameras} cameras, {self.num_points} points, "
-            f"{self.num_observations} observations"
+            f"Problem({self._model.name!r}: {cameras} cameras, {points} points, {observations} observations"
             f"{' with covariances' if self.covariance_px2 is not None else ''}"
             f"{'' if self.rigs is None else f', {self.rigs.num_frames} rigid frames'})"
         )

@@ -136,7 +136,8 @@ def _direction(stream: SensorStream, start_s: float, end_s: float) -> FloatArray
 def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     """Stretches between a leap of the speed and the leap that takes it back, or the next stop, or the end.
 
-    A wheel that blocks at speed stands until it leaps back: that is no stop of the body.
+    A wheel that blocks at speed stands until it leaps back: that is no stop of the body. A leap out of a
+    stand to less than 3 m/s lasts for one sample: odometers do not show low speeds.
 
     A camera alone cannot tell whether it has lost the scale or the odometer is wrong: both drift apart. But a
     body has inertia. A speed that changes faster than tyres can make it, or all at once between two samples,
@@ -166,7 +167,10 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
         at = 1
     while at < len(leaps):
         opening = leaps[at]
-        last = _end_of_block(speeds, leaps, opening) or _end_of_factor(speeds, leaps, at)
+        if _is_start(speeds, opening):
+            last = opening + 1
+        else:
+            last = _end_of_block(speeds, leaps, opening) or _end_of_factor(speeds, leaps, at)
         end_s = float(stream.t_s[-1] + stream.max_gap_s if last == len(speeds) - 1 else t_s[last])
         found.append(Gap(float(t_s[opening]), end_s))
         at = next((k for k in range(at + 1, len(leaps)) if leaps[k] >= last), len(leaps))
@@ -283,6 +287,11 @@ def _end_of_factor(speeds: FloatArray, leaps: list[int], at: int) -> int:
     closing = next((k for k in leaps[at + 1 :] if _is_opposite_leap(speeds, opening, k)), len(speeds) - 1)
     stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
     return min(stop + 1, len(speeds) - 1)
+
+
+def _is_start(speeds: FloatArray, opening: int) -> bool:
+    """Whether a body that stands begins to move, with an odometer that does not show the low speeds."""
+    return bool(speeds[opening] < _STANDING_M_S and speeds[opening + 1] < _LEAST_BLOCKED_M_S)
 
 
 def _end_of_block(speeds: FloatArray, leaps: list[int], opening: int) -> int | None:

@@ -21,6 +21,7 @@ from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around
 from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.focal_lengths import hold_undetermined_focals
 from sfmcpp.sfm.loops import close_loops
+from sfmcpp.sfm.map_backup import MapBackup
 from sfmcpp.sfm.match_graph import Pair
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -35,6 +36,8 @@ _LEAST_START_ANGLE_DEG = 2.0
 # Cells of the finest grid that tells how well points are spread over an image, as a power of two.
 _SPREAD_LEVELS = 5
 _LAST_ROUNDS = 4
+# An image that has lost its points so often is left out: others might come and go for ever.
+_MOST_LOSSES = 3
 
 
 class Growth:
@@ -72,6 +75,7 @@ class Growth:
         self.structure = Structure(self.world, scene.tracks.track, scene.tracks.apart, settings)
         self.reasons: dict[int, str] = {}
         self._adjusted = (0, 0)
+        self._losses = np.zeros(self.world.num_images, dtype=np.intp)
 
     def start(self) -> bool:
         """Find a first pair; whether there is one."""
@@ -109,6 +113,7 @@ class Growth:
     def _start_with(self, pair: Pair, second: FloatArray, angle_deg: float) -> bool:
         """Try a pair: its images get poses and points, or nothing changes."""
         world, settings = self.world, self._settings
+        before, structure = MapBackup.of(world), self.structure.state()
         both = np.array([pair.first, pair.second])
         world.poses[both] = np.eye(3, 4), second
         self.structure.triangulate(both)
@@ -116,8 +121,8 @@ class Growth:
             self._adjust_all(rounds=2, keep_intrinsics=True)
             if self._is_good_start(angle_deg):
                 return True
-        world.poses[both] = np.nan
-        world.points[:] = np.nan
+        before.restore(world)
+        self.structure.restore(*structure)
         return False
 
     def _relative_pose(self, pair: Pair) -> tuple[FloatArray, float]:
@@ -200,6 +205,11 @@ class Growth:
         for image in np.flatnonzero(~world.registered):
             self.reasons[int(image)] = (
                 f"it sees only {counts[image]} points of the model, {self._settings.min_inliers} are needed"
+            )
+        for image in np.flatnonzero(~world.registered & (self._losses >= _MOST_LOSSES)):
+            counts[image] = 0
+            self.reasons[int(image)] = (
+                f"it lost its points each of the {_MOST_LOSSES} times that it had a pose"
             )
         images = np.flatnonzero(counts >= self._settings.min_inliers)
         scores = [self._coverage_score(int(image), sees) for image in images]
@@ -294,3 +304,4 @@ class Growth:
         counts = structure.points_of_images(structure.sees_known())
         lost = world.registered & (counts < self._settings.min_inliers // 2)
         world.poses[lost] = np.nan
+        self._losses += lost

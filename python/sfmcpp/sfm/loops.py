@@ -7,13 +7,10 @@ to chance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from sfmcpp.map import Map
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.sfm.map_backup import MapBackup
 from sfmcpp.sfm.scene import USUAL_SIGMA_PX
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.structure import Numbers, Structure
@@ -35,7 +32,7 @@ def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
     rows = lost_common_observations(structure, settings.min_inliers)
     if np.count_nonzero(~structure.given_up[rows]) < settings.min_inliers:
         return False
-    before = _MapBackup.of(world)
+    before = MapBackup.of(world)
     structure.observe(rows, structure.tracks[rows])
     for scale_px in _LOSS_SCALES_PX:
         _adjust(world, scale_px)
@@ -78,23 +75,3 @@ def _adjust(world: Map, scale_px: float) -> None:
         function_tolerance=1e-4,
     ).require_uninterrupted()
     world.take(local)
-
-
-@dataclass(frozen=True, eq=False)
-class _MapBackup:
-    """Copy of what an adjustment changes in a map, and of the observations."""
-
-    poses: FloatArray
-    points: FloatArray
-    seen: IndexArray
-
-    @classmethod
-    def of(cls, world: Map) -> _MapBackup:
-        return cls(world.poses.copy(), world.points.copy(), world.keypoint_points.copy())
-
-    def restore(self, world: Map) -> None:
-        world.poses[:], world.points[:] = self.poses, self.points
-        changed: NDArray[np.intp] = np.flatnonzero(world.keypoint_points != self.seen)
-        world.forget(changed[world.keypoint_points[changed] >= 0])
-        back = changed[self.seen[changed] >= 0]
-        world.observe(back, self.seen[back])

@@ -37,6 +37,7 @@ from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
+from sfmcpp.sfm.map_backup import undone_by_an_error
 from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import (
     guessed_focal_lengths,
@@ -48,7 +49,7 @@ from sfmcpp.sfm.outcome import (
 from sfmcpp.sfm.positions import Positions, choose_positions, read_gps_argument, unused_positions
 from sfmcpp.sfm.refinement import Refinement, refine_models
 from sfmcpp.sfm.resized_copies import without_resized_copies
-from sfmcpp.sfm.result import SfmRun
+from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sources.io.colmap.database import is_database
@@ -201,10 +202,7 @@ def reconstruct(
     found = _finished_run(source, options, scene, grown, run)
     found.warnings += refined.warnings
     found.interrupted |= refined.interrupted
-    if positions is not None and found.model is not None:
-        with run.timed("positions"):
-            _georeference(found, positions, scene.cameras, run, needed=gps != "auto")
-    _settle_focals(found, scene.cameras, run)
+    _place_and_settle(found, scene, run, needed=gps != "auto")
     return found
 
 
@@ -306,18 +304,19 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
     """Estimate unknown focal lengths from the fundamental matrices of their images."""
     intrinsics = cameras.intrinsics.copy()
     for camera in np.flatnonzero(cameras.guessed):
-        of_camera = cameras.of_image == camera
+        of_camera, size = cameras.of_image == camera, cameras.sizes[camera]
+        # The focal length is sought for a principal point at the centre; data sets may count pixels from it.
+        to_centre = size / 2 - intrinsics[camera, 2:4]
         pairs = [
             (
-                graph.features[p.first].pixels[p.verified[:, 0]],
-                graph.features[p.second].pixels[p.verified[:, 1]],
+                graph.features[p.first].pixels[p.verified[:, 0]] + to_centre,
+                graph.features[p.second].pixels[p.verified[:, 1]] + to_centre,
             )
             for p in graph.pairs
             if of_camera[p.first] and of_camera[p.second] and p.geometry.kind == "general"
         ]
-        width, height = cameras.sizes[camera]
-        size, seed = (int(width), int(height)), run.settings.seed
-        found = focal_from_pairs(pairs, size, seed=seed) if pairs else None
+        (width, height), seed = size.tolist(), run.settings.seed
+        found = focal_from_pairs(pairs, (width, height), seed=seed) if pairs else None
         if found is not None:
             intrinsics[camera, 0] = found
     return replace(cameras, intrinsics=intrinsics)
@@ -328,34 +327,54 @@ def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModel
     return method(scene, run.settings, lambda done: run.progress("mapping", done, total))
 
 
+def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -> None:
+    """Georeference the largest model and decide on focal lengths; Ctrl-C undoes the stage it ends."""
+    undone = "the model was georeferenced: it is as it was before, without positions"
+    try:
+        if scene.positions is not None and found.model is not None:
+            with run.timed("positions"):
+                _georeference(found, scene.positions, scene.cameras, run, needed=needed)
+        undone = "focal lengths were judged: they are as they were before"
+        _settle_focals(found, scene.cameras, run)
+    except KeyboardInterrupt:
+        found.interrupted = True
+        found.warnings.append(f"interrupted while {undone}")
+
+
 def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _Run, *, needed: bool) -> None:
     """Georeference the largest model; positions that were not asked for may prove useless.
 
     They count in what determines focal lengths.
     """
     world = found.models[0]
+    outcome: GpsOutcome | None = None
 
     def adjust() -> FloatArray | None:
-        found.gps = georeference_map(world, positions, run.settings)
-        return found.gps.intrinsics_sigmas
+        nonlocal outcome
+        outcome = georeference_map(world, positions, run.settings)
+        return outcome.intrinsics_sigmas
 
     try:
-        warnings = settle_focals_by_positions(world, cameras, run.settings, adjust)
+        with undone_by_an_error([world]):
+            warnings = settle_focals_by_positions(world, cameras, run.settings, adjust)
+            world.update_errors()
     except InvalidArgument as error:
         if needed:
             raise
-        found.gps = None
         found.warnings.append(f"positions that the files tell are not used: {error}")
         return
-    world.update_errors()
-    found.warnings += [*warnings, *(found.gps.warnings if found.gps else [])]
+    found.gps = outcome
+    found.warnings += [*warnings, *(outcome.warnings if outcome else [])]
 
 
 def _settle_focals(found: SfmRun, cameras: Cameras, run: _Run) -> None:
     """Decide on focal lengths of the models that no position tells anything of."""
-    for world in found.models[0 if found.gps is None else 1 :]:
-        found.warnings += settle_focals_by_images(world, cameras, run.settings)
-        world.update_errors()
+    models, warnings = found.models[0 if found.gps is None else 1 :], []
+    with undone_by_an_error(models):
+        for world in models:
+            warnings += settle_focals_by_images(world, cameras, run.settings)
+            world.update_errors()
+    found.warnings += warnings
 
 
 def _finished_run(

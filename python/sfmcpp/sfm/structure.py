@@ -50,6 +50,14 @@ class Structure:
         self._apart = apart
         self.given_up = np.zeros(len(tracks), dtype=np.bool_)
 
+    def state(self) -> tuple[NDArray[np.int32], BoolArray]:
+        """Copies of the tracks (K,) and of `given_up` (K,), for :meth:`restore`."""
+        return self.tracks.copy(), self.given_up.copy()
+
+    def restore(self, tracks: NDArray[np.int32], given_up: BoolArray) -> None:
+        """Make tracks and `given_up` what they were; what the map has of them is its own."""
+        self.tracks[:], self.given_up[:] = tracks, given_up
+
     def sees_known(self, rows: Numbers | slice = slice(None)) -> BoolArray:
         """Which keypoints, all or `rows` (m,), see a point that has a position."""
         points = self.world.keypoint_points[rows]

@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from sfmcpp.ba.linear_results import LinearStep
+from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.model import Problem
@@ -36,6 +37,8 @@ _LEAST_VIEWS = 3
 # Lower bound of the mean slope of the influence function: it nears 0 where the scale of the loss is so small
 # that nearly all observations are outliers.
 _LEAST_SLOPE = 0.05
+# Of a metric world: position, rotation and scale.
+_GAUGE_FREEDOMS = 7
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,16 @@ class Redundancy:
 
     images: float
     groups: FloatArray
+
+
+def redundancy_of_images(model: LinearModel) -> int:
+    """Degrees of freedom that images of metric cameras have beside nothing else.
+
+    They do not determine where the world is: columns of that explain nothing of them, unless the gauge holds
+    them (baselines of rigs tell the scale, one of the seven).
+    """
+    held = int(np.count_nonzero(model.camera_columns[:, :6] < 0))
+    return 2 * len(model.residuals) - int(model.num_columns) + max(_GAUGE_FREEDOMS - held, 0)
 
 
 class FitStatistics:
@@ -152,7 +165,7 @@ class FitStatistics:
         Under a robust loss it is that of Huber's asymptotic variance: the mean square of the influence ψ over
         the mean of its slope, for the weight of a cost with that slope.
         """
-        free = 2 * len(self.squared) - self.linear.num_columns if self.too_large else self.redundancy.images
+        free = redundancy_of_images(self.linear) if self.too_large else self.redundancy.images
         _, slope, influence = self._fits.loss_terms(self.squared)
         found = float((self.squared * slope**2).sum()) / max(free, 1.0)
         return max(math.sqrt(found / max(float(influence.mean()), _LEAST_SLOPE)), LEAST_NOISE)

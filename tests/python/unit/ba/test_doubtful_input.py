@@ -80,3 +80,14 @@ def test_a_solve_that_ends_with_many_points_behind_cameras_is_sent_to_the_doctor
     problem = problem.with_observations((problem.camera_index == 0) | (problem.point_index >= 20))
     (warning,) = doctor_warnings(problem, max_iterations=1)
     assert warning.endswith("of the observations are behind their camera at the end; run sfmcpp doctor")
+
+
+def test_standard_deviations_beside_which_residuals_say_nothing_are_named() -> None:
+    moved = sfmcpp.perturb(scene(), position_sigma_m=0.1, seed=1)
+    moved.sigma_px = np.full(moved.num_observations, 1e12)
+    (warning,) = sfmcpp.solve(moved).warnings
+    assert "before the first step" in warning
+    assert "(1e+12 px in the median)" in warning
+    moved.sigma_px[:] = 2.0
+    assert not sfmcpp.solve(moved).warnings
+    assert not sfmcpp.solve(moved).warnings  # again, from the minimum

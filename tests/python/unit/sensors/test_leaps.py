@@ -110,7 +110,30 @@ def test_a_stop_that_low_speeds_are_missing_from_is_not_doubted() -> None:
     t_s = np.arange(0, 60, 0.1)
     true = np.clip(np.abs(t_s - 30) - 10, 0, 5)
     found = doubtful_stretches(stream_of(t_s, np.where(true < 1, 0.0, true)))
-    assert all(gap.end_s - gap.start_s < 0.31 for gap in found if gap.start_s < 39)
+    assert all(gap.end_s - gap.start_s < 0.31 for gap in found)
+
+
+@pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
+@pytest.mark.parametrize("rate_hz", [10, 20])
+@pytest.mark.parametrize("least_m_s", [0.5, 1.0, 2.0])
+def test_a_start_out_of_low_speeds_that_are_not_shown_is_doubted_for_a_moment(
+    least_m_s: float, rate_hz: int, kind: str
+) -> None:
+    """A vehicle that stops every forty seconds; its odometer shows nothing below a least speed."""
+    t_s = np.arange(0, 120, 1 / rate_hz)
+    true = np.clip(1.5 * (np.abs((t_s + 20) % 40 - 20) - 6), 0, 10)
+    shown = np.where(true < least_m_s, 0.0, true)
+    along = shown[:, None] * np.array([0.6, 0.8, 0.0])
+    values = {"speed": shown, "velocity": along, "distance": np.cumsum(shown / rate_hz)}
+    found = doubtful_stretches(stream_of(t_s, values[kind], kind))
+    assert all(gap.end_s - gap.start_s < 0.31 for gap in found)
+
+
+def test_a_leap_out_of_a_stand_to_a_speed_that_odometers_show_is_doubted() -> None:
+    t_s = np.arange(0, 30, 0.1)
+    (found,) = doubtful_stretches(stream_of(t_s, np.where(t_s < 10, 0.0, 8.0)))
+    assert found.start_s == pytest.approx(10, abs=0.25)
+    assert found.end_s >= t_s[-1]
 
 
 def test_two_samples_tell_nothing() -> None:

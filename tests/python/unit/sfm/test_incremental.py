@@ -159,6 +159,52 @@ def test_an_interruption_while_models_are_joined_leaves_what_there_is(
     assert [int(world.registered.sum()) for world in found.models] == [4]
 
 
+def test_a_first_pair_that_fails_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = truth_of(8, 200)
+    graph = match_graph(truth, sigma_px=SIGMA_PX, outliers=0.3)
+    scene = Scene.of(graph, known_cameras(graph, truth))
+    joined = []
+
+    def join_and_fail(growth: Growth, _: float) -> bool:
+        joined.append(growth.structure.join_tracks(np.flatnonzero(growth.world.known)[None, :2]))
+        return False
+
+    monkeypatch.setattr(Growth, "_is_good_start", join_and_fail)
+    growth = Growth(scene, IncrementalSettings(), np.zeros(8, dtype=np.bool_))
+    assert not growth.start()
+    assert sum(joined) > 0
+    assert np.array_equal(growth.structure.tracks, scene.tracks.track)
+    assert np.array_equal(growth.world.keypoint_points, scene.new_map().keypoint_points)
+    assert not growth.world.registered.any()
+
+
+def test_an_image_that_loses_its_points_each_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, odd = truth_of(8, 200), 7
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    give_up = Growth._give_up_lost_images
+
+    def lose(growth: Growth) -> None:
+        world = growth.world
+        rows = world.keypoints_of([odd])
+        rows = rows[world.keypoint_points[rows] >= 0]
+        seen = world.keypoint_points[rows].copy()
+        world.forget(rows)
+        give_up(growth)
+        world.observe(rows, seen)
+
+    def is_without_end(_: int) -> bool:
+        told.append(1)
+        return len(told) > 50
+
+    told: list[int] = []
+    monkeypatch.setattr(Growth, "_give_up_lost_images", lose)
+    scene = Scene.of(graph, known_cameras(graph, truth))
+    found = grow_models(scene, IncrementalSettings(), is_without_end)
+    assert not found.interrupted
+    assert np.flatnonzero(~found.models[0].registered).tolist() == [odd]
+    assert found.reasons[odd] == "it lost its points each of the 3 times that it had a pose"
+
+
 def test_cameras_that_were_chosen_before_keep_their_name() -> None:
     truth = truth_of(8, 200)
     graph = match_graph(truth, sigma_px=SIGMA_PX)

@@ -69,6 +69,20 @@ def test_the_redundancy_of_a_group_is_that_of_the_dense_hat_matrix(
     assert found.redundancy.groups[0] == pytest.approx(18 - np.trace(hat), abs=1e-4)
 
 
+def test_of_a_large_problem_the_images_lose_no_freedom_to_where_the_world_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem, truth = small_scene(1)
+    weights = np.array([1e-2])  # nothing beside the images, but enough to place the world
+    fits, fit = fitted(problem, [gps(truth, SIGMA_M)], weights)
+    small = FitStatistics(fits, fit.problem, weights, settled=True)
+    expected = small.image_sigma
+    monkeypatch.setattr("sfmcpp.weighting.statistics.MAX_COLUMNS", 1)
+    large = FitStatistics(fits, fit.problem, weights)
+    assert large.too_large
+    assert large.image_sigma == pytest.approx(expected, rel=1e-3)
+
+
 @pytest.mark.parametrize("factor", [0.02, 1.0, 5.0])
 def test_the_best_factor_maximises_the_dense_restricted_likelihood(factor: float) -> None:
     problem, truth = small_scene(3)

@@ -1,0 +1,90 @@
+"""Ctrl-C in the last stages of a reconstruction keeps the models that there are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sfmcpp.sfm.run as sfm_run
+from flights import flight
+from sfm_scenes import match_graph
+from sfmcpp.map import Map
+from sfmcpp.sfm import MatchGraph, reconstruct
+from sfmcpp.sfm.result import SfmRun
+
+PLACES = np.array([[12.0 * step, 15.0 * row] for row in (0, 1) for step in range(4)])
+TRUTH = flight(PLACES, seed=5)
+
+
+@pytest.fixture(scope="module")
+def graph() -> MatchGraph:
+    return match_graph(TRUTH, sigma_px=0.3, reach=2)
+
+
+@pytest.fixture
+def table(graph: MatchGraph, tmp_path: Path) -> Path:
+    path = tmp_path / "gps.csv"
+    rows = zip(graph.photos, TRUTH.centres.tolist(), strict=True)
+    path.write_text("\n".join(["name,x,y,z", *(f"{p.name},{x},{y},{z}" for p, (x, y, z) in rows)]))
+    return path
+
+
+def run_of(graph: MatchGraph, gps: Path | str) -> SfmRun:
+    return reconstruct(graph, camera=500.0, subpixel=False, gps=gps)
+
+
+def assert_same_model(found: SfmRun, expected: SfmRun) -> None:
+    assert found.model is not None
+    assert expected.model is not None
+    for name in ("poses", "points", "intrinsics", "fixed_intrinsics"):
+        assert np.array_equal(getattr(found.model, name), getattr(expected.model, name), equal_nan=True), name
+
+
+def changed_and_stopped(world: Map, *_: object) -> None:
+    """A stage that Ctrl-C ends when it has changed the model."""
+    world.poses[:, :, 3] += 7.0
+    world.intrinsics[:, 0] *= 2.0
+    world.fixed_intrinsics[:] = True
+    raise KeyboardInterrupt
+
+
+def stopped(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_ctrl_c_while_focal_lengths_are_judged(graph: MatchGraph, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sfm_run, "settle_focals_by_images", lambda *_: [])
+    expected = run_of(graph, "none")
+    monkeypatch.setattr(sfm_run, "settle_focals_by_images", changed_and_stopped)
+    found = run_of(graph, "none")
+    assert found.interrupted
+    assert found.warnings[-1] == "interrupted while focal lengths were judged: they are as they were before"
+    assert_same_model(found, expected)
+
+
+def test_ctrl_c_while_a_model_is_georeferenced(
+    graph: MatchGraph, table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sfm_run, "settle_focals_by_images", lambda *_: [])
+    expected = run_of(graph, "none")
+    monkeypatch.setattr(sfm_run, "georeference_map", changed_and_stopped)
+    found = run_of(graph, table)
+    assert found.interrupted
+    assert found.gps is None
+    assert "interrupted while the model was georeferenced" in found.warnings[-1]
+    assert_same_model(found, expected)
+
+
+def test_a_georeferenced_model_stays_so(
+    graph: MatchGraph, table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = run_of(graph, table)
+    assert expected.gps is not None
+    assert not expected.interrupted
+    monkeypatch.setattr(sfm_run, "_settle_focals", stopped)
+    found = run_of(graph, table)
+    assert found.interrupted
+    assert found.gps is not None
+    assert_same_model(found, expected)
