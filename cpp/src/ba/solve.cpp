@@ -48,12 +48,10 @@ SolveSummary describe_start(const Workspace& work,
   SolveSummary summary;
   summary.num_threads = work.pool.num_threads();
   const bool constrained = work.model.constraints().num_equations() > 0;
-  summary.warnings = warnings_about(work.graph,
-                                    problem.rigs,
-                                    constrained,
-                                    work.exchange,
-                                    work.rows.points(),
-                                    problem.fixed_points);
+  Anchors anchors = anchors_of(problem);
+  anchors.constrained = constrained;
+  anchors.of_others = work.rows.points();
+  summary.warnings = warnings_about(work.graph, problem.rigs, anchors, work.exchange);
   std::ranges::move(warnings_about_baselines(problem, work.graph, work.rows.points()),
                     std::back_inserter(summary.warnings));
   std::ranges::move(warnings_about_cameras(problem, work.graph, constrained),
