@@ -163,9 +163,8 @@ SolveOptions options_of(Method method, LinearSolverKind solver = LinearSolverKin
   options.minimizer.termination.function_tolerance = 1e-6;
   options.linear_solver.kind = solver;
   const bool direct = solver == LinearSolverKind::kDense || solver == LinearSolverKind::kSparse;
-  if (direct || !facts_of(method).solves_linear_system) return options;
-  options.linear_solver.pcg_tolerance = 1e-12;  // steps to rounding, as of the other solvers
-  options.linear_solver.pcg_max_iterations = 2000;
+  if (!direct && facts_of(method).solves_linear_system)  // steps to rounding, as of the others
+    options.linear_solver = {.kind = solver, .pcg_tolerance = 1e-12, .pcg_max_iterations = 2000};
   return options;
 }
 
