@@ -78,7 +78,9 @@ SolveOptions precise(Method method, LinearSolverKind solver = LinearSolverKind::
   options.minimizer.method = method;
   options.minimizer.termination.function_tolerance = 1e-15;
   options.minimizer.termination.max_iterations = 300;
-  options.linear_solver = {solver, 1e-8, 5000};
+  options.linear_solver.kind = solver;
+  if (solver == LinearSolverKind::kAuto || solver == LinearSolverKind::kIterative)
+    options.linear_solver = {solver, 1e-8, 5000};
   return options;
 }
 
