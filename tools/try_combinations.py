@@ -247,10 +247,9 @@ def promised_decrease(problem: Problem, loss: str, scale: float, difference: flo
 def ending_of(start: Problem, way: dict[str, str]) -> Ending:
     """Solve, and look at whether what is told is true."""
     state = start.copy()
+    scaled = {} if way["loss"] == "squared" else {"loss_scale_px": LOSS_SCALE_PX}
     try:
-        told = sfmcpp.solve(
-            state, **way, loss_scale_px=LOSS_SCALE_PX, max_iterations=MAX_ITERATIONS, threads=1
-        )
+        told = sfmcpp.solve(state, **way, **scaled, max_iterations=MAX_ITERATIONS, threads=1)
     except InvalidArgument:
         return Ending(way, "refused")
     except Exception as error:

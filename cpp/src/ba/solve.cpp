@@ -24,6 +24,22 @@ void warn_behind(const SolveSummary& summary, std::vector<std::string>& warnings
       " at the end are of points behind their camera; their residual keeps the formula's value");
 }
 
+// What was asked for while the linear solver was left to `auto`, and the one taken cannot do.
+void warn_of_solver(const linear::LinearSolverChoice& choice,
+                    const SolveOptions& options,
+                    std::vector<std::string>& warnings) {
+  if (choice.kind != linear::LinearSolverKind::kIterative) return;
+  if (options.minimizer.acceleration == optim::Acceleration::kGeodesic)
+    warnings.push_back(
+        "acceleration = 'geodesic': the linear solver chosen, 'iterative', keeps no factors to "
+        "solve for the cameras again, so its steps are straight; choose 'points' or a direct "
+        "solver");
+  const linear::PreconditionerKind wanted = options.linear_solver.preconditioner;
+  if (linear::needs_blocks(wanted) && !choice.with_blocks)
+    warnings.push_back(enum_setting(wanted) +
+                       ": 'schur-jacobi' is taken, the Schur complement is not formed in blocks");
+}
+
 // Measuring this machine takes a few milliseconds, once; no step waits for it.
 constexpr double kSecondsWorthMeasuring = 0.1;
 
@@ -48,18 +64,18 @@ SolveSummary describe_start(const Workspace& work,
   SolveSummary summary;
   summary.num_threads = work.pool.num_threads();
   const bool constrained = work.model.constraints().num_equations() > 0;
-  summary.warnings = warnings_about(work.graph,
-                                    problem.rigs,
-                                    constrained,
-                                    work.exchange,
-                                    work.rows.points(),
-                                    problem.fixed_points);
+  Anchors anchors = anchors_of(problem);
+  anchors.constrained = constrained;
+  anchors.of_others = work.rows.points();
+  summary.warnings = warnings_about(work.graph, problem.rigs, anchors, work.exchange);
   std::ranges::move(warnings_about_baselines(problem, work.graph, work.rows.points()),
                     std::back_inserter(summary.warnings));
   std::ranges::move(warnings_about_cameras(problem, work.graph, constrained),
                     std::back_inserter(summary.warnings));
   std::ranges::move(FreeSensors(problem, work.graph).warnings(),
                     std::back_inserter(summary.warnings));
+  if (facts_of(options.minimizer.method).solves_linear_system)
+    warn_of_solver(work.choice, options, summary.warnings);
   const std::vector<double> costs = work.model.constraints().costs(state);
   for (std::size_t k = 0; k < costs.size(); ++k)
     summary.constraint_costs.push_back({problem.constraints->groups()[k].name, costs[k], costs[k]});
@@ -219,7 +235,11 @@ StepExploration explore_step(const Problem& problem,
                              const SolveOptions& options,
                              std::span<const optim::StepLengths> lengths,
                              optim::State& start) {
-  Workspace work(problem, options, start);
+  // The algebraic cost is told without a search along it too.
+  SolveOptions of_step = options;
+  of_step.algebraic_weights = AlgebraicWeights::kUniform;
+  Workspace work(problem, of_step, start);
+  work.model.set_algebraic_weights(options.algebraic_weights);
   const ScopedFrame frame(problem, start);
   work.model.normalize(start);
   work.model.linearize(start);

@@ -52,46 +52,97 @@ void refuse_intrinsic_steps(const optim::MinimizerOptions& minimizer) {
     refuse(option, minimizer.line_search.kind, "the search decides how far steps go");
 }
 
-// A comparison of tests without the search that has them would compare nothing.
-void refuse_backtracking_test(const optim::LineSearchOptions& search) {
-  using optim::BacktrackingTest, optim::LineSearchKind;
-  if (search.backtracking_test == BacktrackingTest::kArmijo ||
-      search.kind == LineSearchKind::kBacktracking)
-    return;
-  refuse(enum_setting(search.backtracking_test), search.kind, "only 'backtracking' has a test");
+bool is_algebraic(optim::LineSearchKind search) {
+  return search == optim::LineSearchKind::kGlobalAlgebraic ||
+         search == optim::LineSearchKind::kTwoWayAlgebraic;
 }
 
-// An option that a method cannot heed is refused rather than ignored.
-void refuse_what_does_not_combine(const SolveOptions& options) {
-  const optim::MinimizerOptions& minimizer = options.minimizer;
-  const Method method = minimizer.method;
+// A comparison of tests or weights without the search that has them would compare nothing.
+void refuse_parts_of_other_searches(const SolveOptions& options) {
+  using optim::BacktrackingTest, optim::LineSearchKind;
+  const optim::LineSearchOptions& search = options.minimizer.line_search;
+  if (search.backtracking_test != BacktrackingTest::kArmijo &&
+      search.kind != LineSearchKind::kBacktracking)
+    refuse(enum_setting(search.backtracking_test), search.kind, "only 'backtracking' has a test");
+  if (options.algebraic_weights != AlgebraicWeights::kUniform && !is_algebraic(search.kind))
+    refuse(enum_setting(options.algebraic_weights),
+           search.kind,
+           "only 'g-als' and 't-als' have an algebraic cost");
+}
+
+void refuse_times_of_searches(const optim::MinimizerOptions& minimizer) {
   const optim::LineSearchOptions& search = minimizer.line_search;
-  if (minimizer.initial_damping && !facts_of(method).has_damping)
-    refuse("initial_damping", method, "it has no damping");
-  if (minimizer.initial_radius && !facts_of(method).has_radius)
-    refuse("initial_radius", method, "only 'dog-leg' has a radius");
-  refuse_acceleration(options);
-  refuse_point_steps(minimizer);
-  refuse_intrinsic_steps(minimizer);
-  refuse_backtracking_test(search);
-  if (options.loss_table && options.loss != LossKind::kSquared) {
-    throw InvalidArgument(enum_setting(options.loss) +
-                          " with a loss_table, which takes its place: leave 'squared'");
-  }
-  if (search.damping_threshold && !facts_of(method).has_damping)
-    refuse("line_search_damping", method, "it has no damping to compare with");
-  if (!facts_of(method).solves_linear_system &&
-      options.linear_solver.kind != linear::LinearSolverKind::kAuto) {
-    refuse(enum_setting(options.linear_solver.kind),
-           method,
-           "it solves no linear system of all cameras; leave 'auto'");
-  }
-  if (search.kind == optim::LineSearchKind::kNone &&
-      (search.damping_threshold || search.on_rejection)) {
+  if (search.damping_threshold && !facts_of(minimizer.method).has_damping)
+    refuse("line_search_damping", minimizer.method, "it has no damping to compare with");
+  if (search.kind != optim::LineSearchKind::kNone) return;
+  if (search.damping_threshold || search.on_rejection) {
     throw InvalidArgument(
         "line_search = 'none': choose a line search to be used " +
         std::string(search.on_rejection ? "on rejected steps" : "above line_search_damping"));
   }
+  if (search.iterations != optim::LineSearchOptions{}.iterations)
+    refuse("line_search_iterations", search.kind, "choose a line search to be used in them");
+}
+
+void refuse_damping(const optim::MinimizerOptions& minimizer) {
+  const optim::MethodFacts& method = facts_of(minimizer.method);
+  if (minimizer.initial_damping && !method.has_damping)
+    refuse("initial_damping", minimizer.method, "it has no damping");
+  if (minimizer.initial_radius && !method.has_radius)
+    refuse("initial_radius", minimizer.method, "only 'dog-leg' has a radius");
+  if (minimizer.damping_matrix != optim::MinimizerOptions{}.damping_matrix &&
+      !method.has_damping_matrix)
+    refuse(enum_setting(minimizer.damping_matrix), minimizer.method, "its step has no such matrix");
+}
+
+// The first option of conjugate gradients that is not its default; none: empty.
+std::string option_of_iterations(const linear::LinearSolverOptions& given) {
+  const linear::LinearSolverOptions usual;
+  if (given.pcg_tolerance) return "pcg_tolerance";
+  if (given.pcg_max_iterations != usual.pcg_max_iterations) return "pcg_max_iterations";
+  if (given.pcg_forcing != usual.pcg_forcing) return "pcg_forcing";
+  if (given.preconditioner != usual.preconditioner) return enum_setting(given.preconditioner);
+  return {};
+}
+
+void refuse_linear_solver(const SolveOptions& options) {
+  using Kind = linear::LinearSolverKind;
+  const linear::LinearSolverOptions& solver = options.linear_solver;
+  const Method method = options.minimizer.method;
+  const std::string option = option_of_iterations(solver);
+  if (!facts_of(method).solves_linear_system) {
+    if (solver.kind != Kind::kAuto)
+      refuse(enum_setting(solver.kind),
+             method,
+             "it solves no linear system of all cameras; leave 'auto'");
+    if (!option.empty()) refuse(option, method, "it solves no linear system of all cameras");
+  }
+  if (!option.empty() && (solver.kind == Kind::kDense || solver.kind == Kind::kSparse))
+    refuse(option, solver.kind, "only 'iterative' takes iterations");
+  if (solver.pcg_tolerance && solver.pcg_forcing != linear::LinearSolverOptions{}.pcg_forcing)
+    throw InvalidArgument("pcg_forcing with a pcg_tolerance, which takes its place");
+}
+
+void refuse_loss(const SolveOptions& options) {
+  if (options.loss_table && options.loss != LossKind::kSquared) {
+    throw InvalidArgument(enum_setting(options.loss) +
+                          " with a loss_table, which takes its place: leave 'squared'");
+  }
+  if (!options.is_robust() && options.loss_scale_px &&
+      *options.loss_scale_px != *SolveOptions{}.loss_scale_px)
+    refuse("loss_scale_px", options.loss, "it has no scale; choose a robust loss");
+}
+
+// What cannot have an effect is refused rather than ignored.
+void refuse_what_does_not_combine(const SolveOptions& options) {
+  refuse_damping(options.minimizer);
+  refuse_acceleration(options);
+  refuse_point_steps(options.minimizer);
+  refuse_intrinsic_steps(options.minimizer);
+  refuse_parts_of_other_searches(options);
+  refuse_times_of_searches(options.minimizer);
+  refuse_loss(options);
+  refuse_linear_solver(options);
 }
 
 // The number an option holds, if it is one and set.

@@ -61,7 +61,7 @@ void join_frames(std::span<const int> frame_of_camera, DisjointSets& parts) {
 }
 
 // Cameras joined through common points, of any rank, and through rigs.
-int num_components(const linear::ObservationGraph& graph, const Rigs& rigs, Exchange& exchange) {
+DisjointSets parts_of(const linear::ObservationGraph& graph, const Rigs& rigs, Exchange& exchange) {
   const int cameras = graph.num_cameras;
   DisjointSets here = parts_here(graph), joined(cameras);
   std::vector<double> roots(cameras);
@@ -70,11 +70,62 @@ int num_components(const linear::ObservationGraph& graph, const Rigs& rigs, Exch
   for (std::size_t k = 0; k < all.size(); ++k)
     joined.join(static_cast<int>(k % roots.size()), static_cast<int>(all[k]));
   join_frames(rigs.frame_of_camera, joined);
-  std::vector<char> is_component(cameras, 0);
-  for (int i = 0; i < cameras; ++i) {
-    if (graph.is_observed(i)) is_component[joined.root(i)] = 1;
+  return joined;
+}
+
+// What is fixed of a part: cameras, and points that it sees.
+struct Part {
+  double cameras = 0.0, points = 0.0;
+
+  bool has_any() const { return cameras + points > 0.0; }
+  // Whether that can hold it in the world, unless it lies unfavourably: seven freedoms, or the
+  // fifteen of a projective world, of which a point takes three and a camera eleven.
+  bool is_held(bool metric) const {
+    if (cameras >= 2.0) return true;
+    if (cameras == 1.0) return points >= (metric ? 1.0 : 4.0);
+    return points >= (metric ? 3.0 : 5.0);
   }
-  return static_cast<int>(std::ranges::count(is_component, 1));
+};
+
+// Of the cameras with observations.
+std::vector<Part> fixed_in_parts(const linear::ObservationGraph& graph,
+                                 DisjointSets joined,
+                                 const Anchors& anchors,
+                                 Exchange& exchange) {
+  const auto cameras = static_cast<std::size_t>(graph.num_cameras);
+  std::vector<double> points(cameras);
+  for (std::size_t p = 0; p < anchors.fixed_points.size(); ++p) {
+    if (anchors.fixed_points[p] != 0 && graph.observations_of_point(static_cast<int>(p)) > 0)
+      points[joined.root(graph.camera[graph.of_point[graph.point_begin[p]]])] += 1.0;
+  }
+  exchange.sum(points);
+  std::vector<Part> of_root(cameras);
+  std::vector<char> is_part(cameras);
+  for (int i = 0; i < graph.num_cameras; ++i) {
+    Part& part = of_root[joined.root(i)];
+    is_part[joined.root(i)] |= static_cast<char>(graph.is_observed(i));
+    part.points = points[joined.root(i)];
+    part.cameras += !anchors.fixed_cameras.empty() && anchors.fixed_cameras[i] != 0;
+  }
+  std::vector<Part> parts;
+  for (std::size_t i = 0; i < cameras; ++i) {
+    if (is_part[i]) parts.push_back(of_root[i]);
+  }
+  return parts;
+}
+
+// What relates parts that share no point.
+std::string relation_of(const std::vector<Part>& parts, const Anchors& anchors) {
+  const bool fixed = std::ranges::count_if(parts, &Part::has_any) > 1;
+  if (anchors.constrained)
+    return fixed ? "nothing but constraints, fixed cameras and fixed points relates them"
+                 : "nothing but constraints relates them";
+  if (!fixed) return "their relative position, rotation and scale are arbitrary";
+  const auto held = std::ranges::count_if(
+      parts, [&](const Part& part) { return part.is_held(anchors.is_metric); });
+  if (held == std::ssize(parts)) return "nothing but fixed cameras and fixed points relates them";
+  return "fixed cameras and fixed points hold " + std::to_string(held) +
+         " of them; the position, rotation or scale of the others is arbitrary";
 }
 
 Eigen::Vector3d centre_of(const Problem& problem, int camera) {
@@ -155,13 +206,11 @@ bool is_of_images_alone(std::span<const char> of_others, int p) {
 
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
                                         const Rigs& rigs,
-                                        bool constrained,
-                                        Exchange& exchange,
-                                        std::span<const char> of_others,
-                                        std::span<const std::uint8_t> fixed_points) {
+                                        const Anchors& anchors,
+                                        Exchange& exchange) {
   std::vector<std::string> warnings;
   const auto has_views = [&](int p, int count) {
-    return is_of_images_alone(of_others, p) && graph.observations_of_point(p) == count;
+    return is_of_images_alone(anchors.of_others, p) && graph.observations_of_point(p) == count;
   };
   warn(
       "camera",
@@ -178,15 +227,16 @@ std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
   warn(
       "point",
       graph.num_points,
-      [&](int p) { return has_views(p, 1) && (fixed_points.empty() || fixed_points[p] == 0); },
+      [&](int p) {
+        return has_views(p, 1) && (anchors.fixed_points.empty() || anchors.fixed_points[p] == 0);
+      },
       "seen by one camera only, the depth is held by damping alone",
       warnings);
-  const int components = num_components(graph, rigs, exchange);
-  if (components > 1) {
-    warnings.push_back(
-        "the cameras fall into " + std::to_string(components) + " parts that share no point: " +
-        (constrained ? "only the constraints hold their relative position, rotation and scale"
-                     : "their relative position, rotation and scale are arbitrary"));
+  const std::vector<Part> parts =
+      fixed_in_parts(graph, parts_of(graph, rigs, exchange), anchors, exchange);
+  if (parts.size() > 1) {
+    warnings.push_back("the cameras fall into " + std::to_string(parts.size()) +
+                       " parts that share no point: " + relation_of(parts, anchors));
   }
   return warnings;
 }

@@ -1,6 +1,8 @@
 #include "workspace.hpp"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdio>
 #include <exception>
 #include <functional>
 
@@ -90,6 +92,7 @@ Loss make_loss(const SolveOptions& options,
     loss.scale = *options.loss_scale_px;
     return loss;
   }
+  if (!options.is_robust()) return loss;  // which has no scale
   if (loss.kind == LossKind::kAuto) return {loss.kind, FallingScale(images, 0.0).at(start)};
   const double sigma = std::max(mad_sigma(exchange.gather(images.values(start))), kLeastLossScale);
   loss.scale = efficient_scale(loss, sigma);
@@ -232,23 +235,37 @@ std::unique_ptr<linear::LinearSolver> make_solver(const BundleModel& model,
   return linear::make_chosen_solver(model.normal_equations(), options.linear_solver, choice);
 }
 
+// Where there is no linear solver that a limit could replace.
+void require_memory(double needed, const SolveOptions& options, Exchange& exchange) {
+  const std::optional<double> limit = options.linear_solver.max_memory_bytes;
+  if (!limit || exchange.max(needed) <= *limit) return;
+  char text[96];
+  std::snprintf(text,
+                sizeof text,
+                "max_memory_bytes = %.12g: the solve would need %.1f MB",
+                *limit,
+                std::ceil(exchange.max(needed) / 1e5) / 10);
+  throw InvalidArgument(text);
+}
+
 linear::LinearSolverChoice choose_solver(Workspace& work,
                                          const Problem& problem,
                                          const SolveOptions& options) {
+  const double held = held_bytes(work.rows.graph(), work.map, work.precision, options);
   if (!facts_of(options.minimizer.method).solves_linear_system) {
+    require_memory(held, options, work.exchange);
     return {.kind = linear::LinearSolverKind::kIterative,
             .reason = "the method solves no system of all cameras"};
   }
   const linear::CameraPairs pairs = ConstraintTerms(problem, work.map, work.intrinsics).pairs();
-  return linear::choose_linear_solver(
-      {.graph = work.rows.graph(),
-       .map = work.map,
-       .pool = work.pool,
-       .pairs = pairs,
-       .exchange = work.exchange,
-       .held_bytes = held_bytes(work.rows.graph(), work.map, work.precision, options),
-       .number_bytes = linear::bytes_of_number(work.precision)},
-      options.linear_solver);
+  return linear::choose_linear_solver({.graph = work.rows.graph(),
+                                       .map = work.map,
+                                       .pool = work.pool,
+                                       .pairs = pairs,
+                                       .exchange = work.exchange,
+                                       .held_bytes = held,
+                                       .number_bytes = linear::bytes_of_number(work.precision)},
+                                      options.linear_solver);
 }
 
 // Conjugate gradients, linear or not, amplify what sums round off, and that depends on how points

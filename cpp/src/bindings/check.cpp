@@ -33,7 +33,7 @@ std::vector<std::string> check(const py::dict& arrays) {
       this_process(),
       [&] { return ba::num_world_freedoms(problem, graph, ba::state_of(problem)); });
   std::vector<std::string> warnings =
-      ba::warnings_about(graph, problem.rigs, false, this_process(), {}, problem.fixed_points);
+      ba::warnings_about(graph, problem.rigs, ba::anchors_of(problem));
   std::ranges::move(ba::warnings_about_baselines(problem, graph), std::back_inserter(warnings));
   std::ranges::move(ba::warnings_about_cameras(problem, graph), std::back_inserter(warnings));
   std::ranges::move(ba::FreeSensors(problem, graph).warnings(), std::back_inserter(warnings));

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cstdlib>
+#include <string>
+
+#include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp {
 namespace {
@@ -39,10 +42,12 @@ namespace {
 
 Isa requested_isa() {
   const char* text = std::getenv("SFMCPP_ISA");
-  for (Isa isa : {Isa::kBaseline, Isa::kAvx2}) {
-    if (text != nullptr && isa_name(isa) == text) return isa;
+  if (text == nullptr || *text == '\0') return Isa::kAvx512;
+  for (Isa isa : {Isa::kBaseline, Isa::kAvx2, Isa::kAvx512}) {
+    if (isa_name(isa) == text) return isa;
   }
-  return Isa::kAvx512;
+  throw InvalidArgument("SFMCPP_ISA = '" + std::string(text) +
+                        "': must be one of baseline, avx2, avx512");
 }
 
 }  // namespace

@@ -89,10 +89,7 @@ class Chooser {
   }
 
   LinearSolverChoice as_requested() {
-    if (options_.kind == LinearSolverKind::kIterative) {
-      consider(forecast_iterative(choice_.counts, false));
-      consider_blocks();
-    }
+    if (options_.kind == LinearSolverKind::kIterative) consider_iterative();
     if (options_.kind == LinearSolverKind::kDense) consider(forecast_dense(choice_.counts));
     if (options_.kind == LinearSolverKind::kSparse) {
       analyse_structure(question_, choice_);
@@ -101,6 +98,18 @@ class Chooser {
     take_cheapest();
     choice_.reason = "as requested";
     return std::move(choice_);
+  }
+
+  // With blocks in any case where they fit and the preconditioner asked for is made of them.
+  void consider_iterative() {
+    if (needs_blocks(options_.preconditioner)) {
+      find_blocks(question_, choice_);
+      consider(forecast_iterative(choice_.counts, true));
+      if (choice_.forecasts.back().bytes < choice_.budget_bytes) return;
+      choice_.forecasts.clear();
+    }
+    consider(forecast_iterative(choice_.counts, false));
+    consider_blocks();
   }
 
   void consider(const SolverForecast& forecast) { choice_.forecasts.push_back(forecast); }

@@ -21,7 +21,7 @@ from sfmcpp.ba.linear_results import (
 )
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import LossFunction, Problem
+from sfmcpp.model import CameraFunction, LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_not_negative
@@ -105,11 +105,9 @@ class LinearModel:
         arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
         self._core = _core.CoreLinearModel(arrays, options, ridge)
         self._camera_index, self._point_index = arrays["camera_index"], arrays["point_index"]
-        self._by_frame = self._by_sensor = None
-        if problem.rigs is not None:
-            self._by_frame = problem.rigs.motions(problem.cameras)
-            if problem.rigs.free_sensors.any():
-                self._by_sensor = problem.rigs.sensor_motions(problem.cameras)
+        rigs, poses = problem.rigs, problem.cameras
+        self._by_frame = None if rigs is None else rigs.motions(poses)
+        self._by_sensor = rigs.sensor_motions(poses) if rigs is not None and rigs.free_sensors.any() else None
         self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
         self.num_columns, self.num_camera_columns = self._core.num_columns, self._core.num_camera_columns
         self.residuals: FloatArray = self._core.residuals
@@ -117,6 +115,8 @@ class LinearModel:
         self.camera_columns: IndexArray = self._core.camera_columns
         self.point_columns: IndexArray = self._core.point_columns
         self.groups = [ConstraintRows(**rows) for rows in self._core.groups()]
+        if isinstance(problem.camera_model, CameraFunction) and not np.isfinite(self.gradient()).all():
+            problem.camera_model.require_derivatives(problem)
 
     def __repr__(self) -> str:
         of = f"{self._problem.num_cameras} cameras, {self._problem.num_points} points"

@@ -70,7 +70,8 @@ def evaluate(
     max_difference_s: Annotated[
         float | None,
         typer.Option(
-            help="Largest time difference of matched poses. Default: 0.01, or 0.5 with interpolate."
+            help="Largest time difference of matched poses, where the truth has times. Default: 0.01, or 0.5 "
+            "with interpolate."
         ),
     ] = None,
     delta: Annotated[float, typer.Option(help="Interval of relative errors.")] = 1.0,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -110,14 +111,16 @@ class CameraFunction:
         Raises
         ------
         InvalidArgument
-            If what a function returns has another shape or is of single precision, or a derivative is no
-            finite number.
+            If what a function returns has another shape or is of single precision, or a derivative that
+            `jacobians` gives is no finite number.
         """
         pixels = self._pixels(points, intrinsics)
         if not jacobians:
             return pixels, None, None
+        if self.jacobians is None:
+            return pixels, *self._differences(points, intrinsics)
         count, label = len(points), f"camera_model {self.name!r}: derivatives"
-        found: Any = (self.jacobians or self._differences)(points.copy(), intrinsics.copy())
+        found: Any = self.jacobians(points.copy(), intrinsics.copy())
         if not isinstance(found, tuple | list) or len(found) != 2:
             raise InvalidArgument(f"{label}: must be two arrays, by points and by intrinsics")
         by_point, by_intrinsics = found
@@ -141,6 +144,19 @@ class CameraFunction:
             k = int(bad[0])
             raise InvalidArgument(
                 f"camera_model {self.name!r}: project gives no number for observation {k}, of a point at "
+                f"{points[k].tolist()} in its camera ({len(bad)} of {len(points)} observations)"
+            )
+
+    def require_derivatives(self, problem: Problem) -> None:
+        """Raise InvalidArgument unless the derivatives of every observation are numbers."""
+        points, rows = _points_in_cameras(problem)
+        _, *found = self.evaluate(points, rows, jacobians=True)
+        sums = sum(np.sum(part, axis=(1, 2)) for part in found if part is not None)
+        (bad,) = np.nonzero(~np.isfinite(sums))
+        if len(bad):
+            k = int(bad[0])
+            raise InvalidArgument(
+                f"camera_model {self.name!r}: project has no derivatives at observation {k}, of a point at "
                 f"{points[k].tolist()} in its camera ({len(bad)} of {len(points)} observations)"
             )
 
@@ -191,8 +207,23 @@ class CameraFunction:
         return np.array(shaped_array(label, found, (len(points), 2)))  # `project` may write into it again
 
     def _differences(self, points: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
-        here = self._pixels(points, intrinsics)
+        """By points and by intrinsics; NaN where no place beside a point has differences either."""
         step = _STEP * np.linalg.norm(points, axis=1)
+        found = self._differences_at(points, intrinsics, step)
+        for k, sign in product(range(3), (-1, 1)):
+            lost = ~np.isfinite(found[0].sum(axis=(1, 2)) + found[1].sum(axis=(1, 2)))
+            if not lost.any():
+                break
+            beside = points.copy()
+            beside[lost, k] += sign * step[lost]
+            for kept, other in zip(found, self._differences_at(beside, intrinsics, step), strict=True):
+                kept[lost] = other[lost]
+        return found
+
+    def _differences_at(
+        self, points: FloatArray, intrinsics: FloatArray, step: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        here = self._pixels(points, intrinsics)
         by_point = [
             _difference(lambda x: self._pixels(x, intrinsics), here, points, k, step) for k in range(3)
         ]
@@ -216,7 +247,7 @@ def _difference(
         seen = np.isfinite(image.sum(axis=1))
         images.append(np.where(seen[:, None], image, here))
         places.append(np.where(seen, moved[:, k], values[:, k]))  # as it was rounded
-    with np.errstate(invalid="ignore"):  # seen from neither side: no number, which is refused
+    with np.errstate(invalid="ignore"):  # seen from neither side: no number
         difference: FloatArray = (images[0] - images[1]) / (places[0] - places[1])[:, None]
     return difference
 

@@ -8,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import TypeVar
 
+from sfmcpp.model.checks import require_count
+
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 # Told the stage, how much of it is done and of how much; True asks to stop.
@@ -41,8 +43,9 @@ def no_progress(stage: str, done: int, total: int) -> bool:
 
 
 def thread_count(wanted: int | None) -> int:
-    """`wanted`, or as many as the process may use."""
+    """`wanted`, or as many as the process may use; InvalidArgument if `wanted` is below one."""
     if wanted is not None:
+        require_count("threads", wanted)
         return wanted
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1

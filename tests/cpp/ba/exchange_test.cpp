@@ -162,8 +162,9 @@ SolveOptions options_of(Method method, LinearSolverKind solver = LinearSolverKin
   options.minimizer.termination.max_iterations = 8;
   options.minimizer.termination.function_tolerance = 1e-6;
   options.linear_solver.kind = solver;
-  options.linear_solver.pcg_tolerance = 1e-12;  // steps to rounding, as of the other solvers
-  options.linear_solver.pcg_max_iterations = 2000;
+  const bool direct = solver == LinearSolverKind::kDense || solver == LinearSolverKind::kSparse;
+  if (!direct && facts_of(method).solves_linear_system)  // steps to rounding, as of the others
+    options.linear_solver = {.kind = solver, .pcg_tolerance = 1e-12, .pcg_max_iterations = 2000};
   return options;
 }
 
@@ -255,7 +256,7 @@ std::vector<Case> losses_and_searches() {
              scene_of(model),
              options_of(Method::kLevenbergMarquardtNielsen)};
       c.options.minimizer.line_search.kind = search;
-      c.options.minimizer.line_search.iterations = 4;
+      if (search != LineSearchKind::kNone) c.options.minimizer.line_search.iterations = 4;
       cases.push_back(c);
     }
   }

@@ -115,7 +115,9 @@ TEST_P(SolveWithAGap, PlacesTheCamerasWithoutImages) {
   options.minimizer.method = GetParam().first;
   options.minimizer.termination.function_tolerance = 1e-15;
   options.minimizer.termination.max_iterations = 200;
-  options.linear_solver = {GetParam().second, 1e-8, 5000};
+  options.linear_solver.kind = GetParam().second;
+  if (GetParam().second == linear::LinearSolverKind::kIterative)
+    options.linear_solver = {GetParam().second, 1e-8, 5000};
   const SolveSummary summary = solve(problem.view(), options, {}, state);
   EXPECT_LT(worst_error(state, problem.truth), 1e-6) << summary.minimizer.message;
   EXPECT_EQ(summary.warnings, std::vector<std::string>());

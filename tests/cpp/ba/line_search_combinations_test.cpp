@@ -30,7 +30,7 @@ SolveOptions options_for(Method method, LineSearchKind search) {
   options.minimizer.termination.function_tolerance = 1e-14;
   options.minimizer.termination.max_iterations = 200;
   options.minimizer.line_search.kind = search;
-  options.minimizer.line_search.iterations = 1000;
+  if (search != LineSearchKind::kNone) options.minimizer.line_search.iterations = 1000;
   return options;
 }
 

@@ -119,8 +119,9 @@ std::vector<Case> cases() {
       cases.push_back({name, options_of(method.value)});
       optim::LineSearchOptions& when = cases.back().options.minimizer.line_search;
       when.kind = search.value;
+      if (search.value == LineSearchKind::kNone) continue;
       when.iterations = 4;
-      when.on_rejection = search.value != LineSearchKind::kNone;
+      when.on_rejection = true;
     }
   }
   add_each<LinearSolverKind>(
@@ -145,7 +146,7 @@ std::vector<Case> cases() {
       "loss",
       [](auto& o, auto loss) {
         o.loss = loss;
-        o.loss_scale_px = 50.0;
+        if (o.is_robust()) o.loss_scale_px = 50.0;
       },
       cases);
   add_each<LossKind>(

@@ -46,7 +46,7 @@ double median_point_error(const State& state, const State& truth) {
 double error_with(LossKind loss, const OwnedProblem& scene) {
   SolveOptions options;
   options.loss = loss;
-  options.loss_scale_px = efficient_scale(loss, 0.5);
+  if (options.is_robust()) options.loss_scale_px = efficient_scale(loss, 0.5);
   options.minimizer.termination.max_iterations = 200;
   State state = state_of(scene.view());
   solve(scene.view(), options, {}, state);

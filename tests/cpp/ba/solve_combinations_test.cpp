@@ -30,10 +30,12 @@ SolveOptions options_for(Method method, LinearSolverKind solver, LossKind loss) 
   options.minimizer.termination.function_tolerance = 1e-14;
   options.minimizer.termination.max_iterations = 200;
   options.linear_solver.kind = solver;
-  options.linear_solver.pcg_tolerance = 1e-8;
-  options.linear_solver.pcg_max_iterations = 5000;
+  if (solver == LinearSolverKind::kIterative) {
+    options.linear_solver.pcg_tolerance = 1e-8;
+    options.linear_solver.pcg_max_iterations = 5000;
+  }
   options.loss = loss;
-  options.loss_scale_px = 2.0;
+  if (loss != LossKind::kSquared) options.loss_scale_px = 2.0;
   return options;
 }
 

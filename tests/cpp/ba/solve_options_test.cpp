@@ -66,7 +66,20 @@ const std::vector<Setting>& settings() {
        {Method::kLevenbergMarquardt,
         Method::kLevenbergMarquardtNielsen,
         Method::kDogLeg,
-        Method::kGaussNewton}}};
+        Method::kGaussNewton}},
+      {"pcg_tolerance",
+       [](SolveOptions& o) { o.linear_solver.pcg_tolerance = 0.1; },
+       {Method::kLevenbergMarquardt,
+        Method::kLevenbergMarquardtNielsen,
+        Method::kDogLeg,
+        Method::kGaussNewton}},
+      {"damping_matrix",
+       [](SolveOptions& o) { o.minimizer.damping_matrix = linear::DampingMatrix::kIdentity; },
+       {Method::kLevenbergMarquardt,
+        Method::kLevenbergMarquardtNielsen,
+        Method::kDogLeg,
+        Method::kGradientDescent,
+        Method::kAlternation}}};
   return all;
 }
 
@@ -120,6 +133,39 @@ TEST(SolveOptions, ATestOfBacktrackingIsRefusedWithoutIt) {
       refusal(options),
       "backtracking_test = 'goldstein' with line_search = 'none': only 'backtracking' has a test");
   options.minimizer.line_search.kind = LineSearchKind::kBacktracking;
+  EXPECT_EQ(refusal(options), "legal");
+}
+
+TEST(SolveOptions, WeightsOfAnAlgebraicCostAreRefusedWithoutASearchThatHasIt) {
+  for (const auto& [search, name] : EnumNames<LineSearchKind>::kTable) {
+    SolveOptions options;
+    options.algebraic_weights = AlgebraicWeights::kInverseDepth;
+    options.minimizer.line_search.kind = search;
+    const bool algebraic = name == "g-als" || name == "t-als";
+    EXPECT_EQ(refusal(options) == "legal", algebraic) << name;
+  }
+}
+
+TEST(SolveOptions, IterationsOfALinearSolverAreRefusedWithADirectOne) {
+  using Kind = linear::LinearSolverKind;
+  for (Kind kind : {Kind::kAuto, Kind::kDense, Kind::kSparse, Kind::kIterative}) {
+    SolveOptions options;
+    options.linear_solver.kind = kind;
+    options.linear_solver.preconditioner = linear::PreconditionerKind::kTwoLevels;
+    const bool direct = kind == Kind::kDense || kind == Kind::kSparse;
+    EXPECT_EQ(refusal(options) == "legal", !direct) << enum_name(kind);
+  }
+}
+
+TEST(SolveOptions, AScaleIsOfRobustLosses) {
+  SolveOptions options;
+  options.loss_scale_px = 2.0;
+  EXPECT_EQ(refusal(options),
+            "loss_scale_px with loss = 'squared': it has no scale; choose a robust loss");
+  options.loss_scale_px.reset();
+  EXPECT_EQ(refusal(options), "legal");
+  options.loss = LossKind::kAuto;
+  options.loss_scale_px = 2.0;
   EXPECT_EQ(refusal(options), "legal");
 }
 

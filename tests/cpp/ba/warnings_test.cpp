@@ -58,6 +58,50 @@ TEST(Warnings, PartsThatShareNoPointAreCountedUnobservedCamerasAside) {
             "are arbitrary");
 }
 
+// What is said of two parts of two cameras each, which see three points and four, of what is fixed.
+std::string relation_of_parts(const std::vector<std::uint8_t>& cameras,
+                              const std::vector<std::uint8_t>& points,
+                              Anchors anchors = {}) {
+  const std::vector<int> camera{0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+  const std::vector<int> point{0, 1, 2, 0, 1, 2, 3, 4, 5, 6, 3, 4, 5, 6};
+  anchors.fixed_cameras = cameras;
+  anchors.fixed_points = points;
+  const Warnings warnings =
+      warnings_about(linear::make_observation_graph(4, 7, camera, point), {}, anchors);
+  return warnings.size() == 1 ? warnings[0].substr(warnings[0].find(": ") + 2) : "";
+}
+
+TEST(Warnings, PartsThatFixedCamerasOrPointsHoldAreNotArbitrary) {
+  const std::string arbitrary = "their relative position, rotation and scale are arbitrary";
+  const std::string held = "nothing but fixed cameras and fixed points relates them";
+  const auto some = [](int count) {
+    return "fixed cameras and fixed points hold " + std::to_string(count) +
+           " of them; the position, rotation or scale of the others is arbitrary";
+  };
+  EXPECT_EQ(relation_of_parts({}, {}), arbitrary);
+  EXPECT_EQ(relation_of_parts({1, 1, 0, 0}, {}), arbitrary);  // the gauge alone
+  EXPECT_EQ(relation_of_parts({}, {1, 1, 1, 0, 0, 0, 0}), arbitrary);
+  EXPECT_EQ(relation_of_parts({1, 1, 1, 1}, {}), held);
+  EXPECT_EQ(relation_of_parts({}, {1, 1, 1, 1, 1, 1, 0}), held);
+  EXPECT_EQ(relation_of_parts({1, 0, 0, 0}, {0, 1, 0, 1, 1, 1, 0}), held);
+  EXPECT_EQ(relation_of_parts({1, 0, 1, 0}, {}), some(0));  // scales
+  EXPECT_EQ(relation_of_parts({1, 1, 0, 0}, {0, 0, 0, 1, 1, 0, 0}), some(1));
+}
+
+TEST(Warnings, PartsOfAProjectiveWorldNeedMoreThatIsFixed) {
+  const Anchors projective{.is_metric = false};
+  EXPECT_EQ(relation_of_parts({1, 1, 1, 1}, {}, projective).substr(0, 11), "nothing but");
+  EXPECT_EQ(relation_of_parts({}, {1, 1, 1, 1, 1, 1, 1}, projective).substr(0, 38),
+            "fixed cameras and fixed points hold 0 ");
+}
+
+TEST(Warnings, ConstraintsMayRelateParts) {
+  const Anchors constrained{.constrained = true};
+  EXPECT_EQ(relation_of_parts({}, {}, constrained), "nothing but constraints relates them");
+  EXPECT_EQ(relation_of_parts({1, 0, 1, 0}, {}, constrained),
+            "nothing but constraints, fixed cameras and fixed points relates them");
+}
+
 TEST(Warnings, AChainOfCommonPointsIsOnePart) {
   EXPECT_EQ(warnings_of(4, 3, {{0, 0}, {1, 0}, {1, 1}, {2, 1}, {2, 2}, {3, 2}}), Warnings{});
 }

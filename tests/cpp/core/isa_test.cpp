@@ -1,10 +1,12 @@
 #include "sfmcpp/core/isa.hpp"
 
+#include <cstdio>
 #include <cstdlib>
 #include <string>
 
 #include <gtest/gtest.h>
 
+#include "sfmcpp/core/error.hpp"
 #include "support/instruction_sets.hpp"
 
 namespace sfmcpp::isa_test {
@@ -30,9 +32,28 @@ TEST_P(IsaDeathTest, EnvironmentVariableChoosesAnInstructionSetThatTheMachineHas
   EXPECT_EXIT(exit_with_isa_asked_for(GetParam()), testing::ExitedWithCode(expected), "");
 }
 
-INSTANTIATE_TEST_SUITE_P(Names,
-                         IsaDeathTest,
-                         testing::Values("baseline", "avx2", "avx512", "no such set"));
+INSTANTIATE_TEST_SUITE_P(Names, IsaDeathTest, testing::Values("baseline", "avx2", "avx512", ""));
+
+[[noreturn]] void exit_with_refusal_of(const std::string& name) {
+  setenv("SFMCPP_ISA", name.c_str(), 1);
+  try {
+    active_isa();
+  } catch (const InvalidArgument& error) {
+    std::fputs(error.what(), stderr);
+    std::exit(7);
+  }
+  std::exit(0);
+}
+
+using IsaRefusalDeathTest = IsaDeathTest;
+
+TEST_P(IsaRefusalDeathTest, AnotherNameIsRefused) {
+  EXPECT_EXIT(exit_with_refusal_of(GetParam()),
+              testing::ExitedWithCode(7),
+              "SFMCPP_ISA = '" + GetParam() + "': must be one of baseline, avx2, avx512");
+}
+
+INSTANTIATE_TEST_SUITE_P(Names, IsaRefusalDeathTest, testing::Values("sse2", "AVX2"));
 
 TEST(Isa, NamesAreThoseOfTheKernels) {
   int k = 0;

@@ -47,9 +47,8 @@ def test_first_order_methods_come_close(method: str, close: float, line_search: 
 
 @pytest.mark.parametrize("line_search", ["none", "g-als", "t-als", "exact"])
 def test_gradient_descent_goes_down_step_by_step(line_search: str) -> None:
-    summary = sfmcpp.solve(
-        scene(), method="gradient-descent", line_search=line_search, line_search_iterations=50
-    )
+    searched = {} if line_search == "none" else {"line_search_iterations": 50}
+    summary = sfmcpp.solve(scene(), method="gradient-descent", line_search=line_search, **searched)
     cost = summary.history()["cost"]
     assert (np.diff(cost) <= 0).all()
     assert cost[-1] < 0.05 * cost[0]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import inspect
 import pickle
 
+import numpy as np
 import pytest
 
 import sfmcpp
 from sfmcpp import InvalidArgument, Problem
+from sfmcpp.ba import explore_step
 
 
 @pytest.fixture
@@ -66,6 +68,104 @@ def test_gauss_newton_refuses_a_free_gauge(problem: Problem) -> None:
 def test_a_test_of_backtracking_is_refused_without_it(problem: Problem, line_search: str) -> None:
     with pytest.raises(InvalidArgument, match="backtracking_test = 'goldstein' with line_search = "):
         sfmcpp.solve(problem, backtracking_test="goldstein", line_search=line_search)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"algebraic_weights": "inverse-depth"},
+            "algebraic_weights = 'inverse-depth' with line_search = 'none'",
+        ),
+        (
+            {"algebraic_weights": "inverse-depth", "line_search": "soft"},
+            "only 'g-als' and 't-als' have an algebraic cost",
+        ),
+        ({"line_search_iterations": 3}, "line_search_iterations with line_search = 'none'"),
+        ({"loss_scale_px": 2.0}, "loss_scale_px with loss = 'squared'"),
+        ({"linear_solver": "dense", "pcg_tolerance": 0.1}, "pcg_tolerance with linear_solver = 'dense'"),
+        ({"linear_solver": "sparse", "pcg_forcing": 0.1}, "pcg_forcing with linear_solver = 'sparse'"),
+        (
+            {"linear_solver": "sparse", "preconditioner": "schur-jacobi"},
+            "preconditioner = 'schur-jacobi' with linear_solver = 'sparse'",
+        ),
+        (
+            {"method": "alternation", "pcg_max_iterations": 9},
+            "pcg_max_iterations with method = 'alternation'",
+        ),
+        ({"pcg_tolerance": 0.1, "pcg_forcing": 0.1}, "pcg_forcing with a pcg_tolerance"),
+        (
+            {"method": "gauss-newton", "damping_matrix": "identity"},
+            "damping_matrix = 'identity' with method = 'gauss-newton'",
+        ),
+        (
+            {"method": "conjugate-gradient", "damping_matrix": "identity"},
+            "damping_matrix = 'identity' with method = 'conjugate-gradient'",
+        ),
+        (
+            {"method": "gradient-descent", "max_memory_bytes": 1e4},
+            "max_memory_bytes = 10000: the solve would need",
+        ),
+    ],
+    ids=str,
+)
+def test_what_cannot_have_an_effect_is_refused(
+    problem: Problem, options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(InvalidArgument, match=message):
+        sfmcpp.solve(problem, **options)
+
+
+def without_blocks() -> Problem:
+    """A problem for which `auto` takes the iterative solver, without blocks of S."""
+    return sfmcpp.perturb(sfmcpp.circle_scene(60, 100, seed=2), point_sigma_m=0.1, seed=3)
+
+
+def test_what_the_solver_that_auto_takes_cannot_do_is_told() -> None:
+    summary = sfmcpp.solve(
+        without_blocks(), acceleration="geodesic", preconditioner="clusters", max_iterations=2
+    )
+    assert summary.linear_solver == "iterative"
+    straight, replaced = summary.warnings
+    assert straight.startswith("acceleration = 'geodesic': the linear solver chosen, 'iterative', keeps no")
+    assert replaced.startswith("preconditioner = 'clusters': 'schur-jacobi' is taken")
+    assert not any(iteration.accelerated for iteration in summary.iterations)
+    assert sfmcpp.solve(without_blocks(), max_iterations=2).warnings == []
+
+
+@pytest.mark.parametrize("preconditioner", ["clusters", "two-levels"])
+def test_a_preconditioner_that_is_asked_for_is_used(preconditioner: str) -> None:
+    def iterations(wanted: str) -> list[int]:
+        options = {"linear_solver": "iterative", "pcg_tolerance": 1e-6, "max_iterations": 2}
+        summary = sfmcpp.solve(without_blocks(), preconditioner=wanted, **options)
+        assert summary.warnings == []
+        return [iteration.linear_solver_iterations for iteration in summary.iterations]
+
+    assert iterations(preconditioner) != iterations("schur-jacobi")
+
+
+@pytest.mark.parametrize("method", ["gradient-descent", "alternation", "dog-leg"])
+def test_a_damping_matrix_has_an_effect_on_other_methods(problem: Problem, method: str) -> None:
+    def costs(**options: object) -> list[float]:
+        summary = sfmcpp.solve(problem.copy(), method=method, max_iterations=3, **options)
+        return [iteration.cost for iteration in summary.iterations]
+
+    assert costs(damping_matrix="identity") != costs()
+
+
+def test_a_squared_loss_has_no_scale_to_hand_on(problem: Problem) -> None:
+    summary = sfmcpp.solve(problem, loss_scale_px="auto")
+    assert summary.loss_scale_px == 1.0
+    assert sfmcpp.cost(problem, loss_scale_px=summary.loss_scale_px) == pytest.approx(summary.final_cost)
+
+
+def test_weights_of_the_algebraic_cost_are_explored_without_a_search(problem: Problem) -> None:
+    plain, weighted = (
+        explore_step(problem, [(1.0, 1.0)], algebraic_weights=weights)
+        for weights in ("uniform", "inverse-depth")
+    )
+    assert not np.array_equal(plain.algebraic, weighted.algebraic)
+    np.testing.assert_array_equal(plain.geometric, weighted.geometric)
 
 
 @pytest.mark.parametrize(

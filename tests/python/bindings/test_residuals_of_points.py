@@ -71,7 +71,9 @@ CHOSEN = np.arange(0, 180, 5)
 
 
 OPTIONS: list[dict[str, Any]] = [
-    *({"linear_solver": name, "pcg_tolerance": 1e-12} for name in LINEAR_SOLVERS),
+    {"linear_solver": "dense"},
+    {"linear_solver": "sparse"},
+    {"linear_solver": "iterative", "pcg_tolerance": 1e-12},
     *({"method": name} for name in ("lm", "dog-leg", "gauss-newton", "gradient-descent", "alternation")),
     *({"line_search": name} for name in ("backtracking", "exact", "soft")),
     {"precision": "single", "linear_solver": "sparse"},

@@ -41,16 +41,27 @@ void check_determined(
     Exchange& exchange = this_process(),
     const std::function<long()>& world_freedoms = [] { return 0L; });
 
+// What besides images holds points, cameras and parts of a problem.
+struct Anchors {
+  bool constrained = false;                      // whether there are constraints
+  std::span<const char> of_others{};             // P: whether other residuals are on a point
+  std::span<const std::uint8_t> fixed_points{};  // P, as in the problem; empty: none
+  std::span<const std::uint8_t> fixed_cameras{};
+  bool is_metric = true;
+};
+inline Anchors anchors_of(const Problem& problem) {
+  return {.fixed_points = problem.fixed_points,
+          .fixed_cameras = problem.fixed_cameras,
+          .is_metric = is_metric(problem.camera_model)};
+}
+
 // Legal but worth saying, by name: cameras and points without observations, points seen once, parts
-// of the problem that share no point, and what holds them together if there are constraints. Of
-// points, each rank speaks of its own. `of_others`: per point, whether other residuals than those
-// of images are on it; `fixed_points` as in the problem; empty: none.
+// of the problem that share no point, and what can hold them together. Of points, each rank speaks
+// of its own.
 std::vector<std::string> warnings_about(const linear::ObservationGraph& graph,
                                         const Rigs& rigs = {},
-                                        bool constrained = false,
-                                        Exchange& exchange = this_process(),
-                                        std::span<const char> of_others = {},
-                                        std::span<const std::uint8_t> fixed_points = {});
+                                        const Anchors& anchors = {},
+                                        Exchange& exchange = this_process());
 
 // The same of points that may move and that all their cameras see from one place.
 std::vector<std::string> warnings_about_baselines(const Problem& problem,

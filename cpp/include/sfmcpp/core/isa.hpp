@@ -19,7 +19,7 @@ std::string_view isa_name(Isa isa);
 Isa best_isa();
 
 // That, or the lower one that the environment variable SFMCPP_ISA (baseline, avx2, avx512) asks
-// for. Read once.
+// for. Read once. Throws InvalidArgument if it names none.
 Isa active_isa();
 
 }  // namespace sfmcpp

@@ -58,6 +58,11 @@ struct EnumTraits<linear::PreconditionerKind> {
 
 namespace linear {
 
+// Whether it is made of blocks of S of several cameras.
+constexpr bool needs_blocks(PreconditionerKind kind) {
+  return kind == PreconditionerKind::kClusters || kind == PreconditionerKind::kTwoLevels;
+}
+
 struct LinearSolverOptions {
   LinearSolverKind kind = LinearSolverKind::kAuto;
   // Relative residual of the reduced system at which the iterative solver stops; none: by the

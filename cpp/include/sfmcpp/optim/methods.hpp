@@ -63,6 +63,7 @@ struct MethodFacts {
   bool solves_linear_system = false;  // the normal equations as a whole
   bool shortens = true;               // rejections make its steps shorter and shorter
   bool keeps_directions = false;      // each step goes on from the last, with all its rounding
+  bool has_damping_matrix = true;     // D, which λ multiplies or which measures lengths
   // Its step solves the damped system, so that a geodesic acceleration belongs to it, and some
   // unknowns may have more damping than others.
   constexpr bool solves_damped_system() const { return has_damping && solves_linear_system; }
@@ -91,12 +92,14 @@ struct EnumTraits<optim::Method> {
        .make = optim::make_dog_leg, .has_radius = true, .solves_linear_system = true},
       {.value = M::kGaussNewton, .name = "gauss-newton",
        .description = "Gauss–Newton, without damping",
-       .make = optim::make_gauss_newton, .solves_linear_system = true, .shortens = false},
+       .make = optim::make_gauss_newton, .solves_linear_system = true, .shortens = false,
+       .has_damping_matrix = false},
       {.value = M::kGradientDescent, .name = "gradient-descent", .description = "gradient descent",
        .make = optim::make_gradient_descent},
       {.value = M::kConjugateGradient, .name = "conjugate-gradient",
        .description = "nonlinear conjugate gradients with a block preconditioner",
-       .make = optim::make_conjugate_gradient, .keeps_directions = true},
+       .make = optim::make_conjugate_gradient, .keeps_directions = true,
+       .has_damping_matrix = false},
       {.value = M::kAlternation, .name = "alternation", .description = "resection, then intersection",
        .make = optim::make_alternation, .has_damping = true},
   });

@@ -158,7 +158,7 @@ def evaluate_model(
     with_scale: bool = True,
     align_by: str = "positions",
     images: Sequence[str] | None = None,
-    max_difference_s: float = NEAREST_WITHIN_S,
+    max_difference_s: float | None = None,
 ) -> ModelEvaluation:
     """Measure a model against the truth.
 
@@ -180,8 +180,8 @@ def evaluate_model(
     images : sequence of str, optional
         With a trajectory: names of all images that could have been registered. Default: where `model` is a
         folder that ``sfmcpp reconstruct`` wrote, those of its report.
-    max_difference_s : float
-        With a trajectory: how far in time the pose of an image may be [s].
+    max_difference_s : float, optional
+        With a trajectory with times: how far in time the pose of an image may be [s]. Default: 0.01.
 
     Returns
     -------
@@ -195,13 +195,16 @@ def evaluate_model(
         If a path cannot be read.
     """
     require_one_of("align_to", align_to, MODEL_ALIGNMENTS)
-    require_not_negative("max_difference_s", max_difference_s)
+    limit_s = NEAREST_WITHIN_S if max_difference_s is None else max_difference_s
+    require_not_negative("max_difference_s", limit_s)
     if images is None and isinstance(model, str | PathLike):
         images = images_of_model_path(Path(model))
     ours = read_image_poses(model) if isinstance(model, str | PathLike) else ImagePoses.of(model)
     true = read_truth(truth) if isinstance(truth, str | PathLike) else truth
+    if max_difference_s is not None and not (isinstance(true, Trajectory) and true.stamped):
+        raise InvalidArgument(f"max_difference_s = {max_difference_s}: the truth has no times")
     if isinstance(true, Trajectory):
-        matched = match_with_trajectory(ours, true, images, max_difference_s)
+        matched = match_with_trajectory(ours, true, images, limit_s)
     else:
         matched = match_by_name(ours, ImagePoses.of(true))
     return _measured(ours, matched, AlignmentRule(align_to), with_scale, align_by)

@@ -207,7 +207,8 @@ def test_leverages_hats_and_determinant_are_those_of_the_dense_normal_matrix(
         positions(problem, problem, weight=300.0),
         random_group(problem, "displacement-rotation", name="turns"),
     ]
-    model = sfmcpp.linearize(problem, constraints=groups, loss=loss, loss_scale_px=3.0)
+    scale = 1.0 if loss == "squared" else 3.0
+    model = sfmcpp.linearize(problem, constraints=groups, loss=loss, loss_scale_px=scale)
     covariance, jacobian = (
         dense_covariance(model),
         model.jacobian().toarray().reshape(-1, 2, model.num_columns),
@@ -234,11 +235,12 @@ def test_a_step_goes_to_the_minimum_of_the_linear_model(camera_model: str, loss:
     group = positions(problem, problem, weight=300.0)
     assert group.values is not None
     group.values[:, 0] += 0.05
-    model = sfmcpp.linearize(problem, constraints=[group], loss=loss, loss_scale_px=50.0)
+    scale = 1.0 if loss == "squared" else 50.0
+    model = sfmcpp.linearize(problem, constraints=[group], loss=loss, loss_scale_px=scale)
     assert (
         model.cost
         == sfmcpp.solve(
-            problem.copy(), constraints=[group], loss=loss, loss_scale_px=50.0, max_iterations=1
+            problem.copy(), constraints=[group], loss=loss, loss_scale_px=scale, max_iterations=1
         ).initial_cost
     )
     roots = np.sqrt(model.observation_weights)[:, None]

@@ -6,7 +6,8 @@ import threading
 
 import pytest
 
-from sfmcpp.model.threads import on_threads
+from sfmcpp import InvalidArgument
+from sfmcpp.model.threads import on_threads, thread_count
 
 
 def square(number: int) -> int:
@@ -38,3 +39,10 @@ def test_what_a_task_raises_comes_in_its_turn(threads: int) -> None:
     with pytest.raises(RuntimeError, match="three"):
         found.extend(on_threads(fail_at_three, range(50), threads))
     assert found == [0, 1, 2]
+
+
+def test_no_threads_at_all_are_refused() -> None:
+    assert thread_count(3) == 3
+    assert thread_count(None) >= 1
+    with pytest.raises(InvalidArgument, match="threads = 0: must be at least 1"):
+        thread_count(0)

@@ -165,6 +165,7 @@ def test_no_common_image_is_told_with_some_of_both_sides() -> None:
         ({"align_to": "first:3"}, "must be one of all, robust, none"),
         ({"align_by": "names"}, "must be one of positions, poses"),
         ({"max_difference_s": -1.0}, "must be finite and not negative"),
+        ({"max_difference_s": 0.5}, "max_difference_s = 0.5: the truth has no times"),
     ],
 )
 def test_options_are_checked(options: dict[str, object], told: str) -> None:
