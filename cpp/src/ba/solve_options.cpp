@@ -74,14 +74,12 @@ void refuse_times_of_searches(const optim::MinimizerOptions& minimizer) {
   const optim::LineSearchOptions& search = minimizer.line_search;
   if (search.damping_threshold && !facts_of(minimizer.method).has_damping)
     refuse("line_search_damping", minimizer.method, "it has no damping to compare with");
-  if (search.kind != optim::LineSearchKind::kNone) return;
-  if (search.damping_threshold || search.on_rejection) {
+  if (search.kind == optim::LineSearchKind::kNone &&
+      (search.damping_threshold || search.on_rejection)) {
     throw InvalidArgument(
         "line_search = 'none': choose a line search to be used " +
         std::string(search.on_rejection ? "on rejected steps" : "above line_search_damping"));
   }
-  if (search.iterations != optim::LineSearchOptions{}.iterations)
-    refuse("line_search_iterations", search.kind, "choose a line search to be used in them");
 }
 
 void refuse_damping(const optim::MinimizerOptions& minimizer) {
@@ -95,30 +93,13 @@ void refuse_damping(const optim::MinimizerOptions& minimizer) {
     refuse(enum_setting(minimizer.damping_matrix), minimizer.method, "its step has no such matrix");
 }
 
-// The first option of conjugate gradients that is not its default; none: empty.
-std::string option_of_iterations(const linear::LinearSolverOptions& given) {
-  const linear::LinearSolverOptions usual;
-  if (given.pcg_tolerance) return "pcg_tolerance";
-  if (given.pcg_max_iterations != usual.pcg_max_iterations) return "pcg_max_iterations";
-  if (given.pcg_forcing != usual.pcg_forcing) return "pcg_forcing";
-  if (given.preconditioner != usual.preconditioner) return enum_setting(given.preconditioner);
-  return {};
-}
-
 void refuse_linear_solver(const SolveOptions& options) {
-  using Kind = linear::LinearSolverKind;
   const linear::LinearSolverOptions& solver = options.linear_solver;
   const Method method = options.minimizer.method;
-  const std::string option = option_of_iterations(solver);
-  if (!facts_of(method).solves_linear_system) {
-    if (solver.kind != Kind::kAuto)
-      refuse(enum_setting(solver.kind),
-             method,
-             "it solves no linear system of all cameras; leave 'auto'");
-    if (!option.empty()) refuse(option, method, "it solves no linear system of all cameras");
-  }
-  if (!option.empty() && (solver.kind == Kind::kDense || solver.kind == Kind::kSparse))
-    refuse(option, solver.kind, "only 'iterative' takes iterations");
+  if (!facts_of(method).solves_linear_system && solver.kind != linear::LinearSolverKind::kAuto)
+    refuse(enum_setting(solver.kind),
+           method,
+           "it solves no linear system of all cameras; leave 'auto'");
   if (solver.pcg_tolerance && solver.pcg_forcing != linear::LinearSolverOptions{}.pcg_forcing)
     throw InvalidArgument("pcg_forcing with a pcg_tolerance, which takes its place");
 }
@@ -128,12 +109,10 @@ void refuse_loss(const SolveOptions& options) {
     throw InvalidArgument(enum_setting(options.loss) +
                           " with a loss_table, which takes its place: leave 'squared'");
   }
-  if (!options.is_robust() && options.loss_scale_px &&
-      *options.loss_scale_px != *SolveOptions{}.loss_scale_px)
-    refuse("loss_scale_px", options.loss, "it has no scale; choose a robust loss");
 }
 
-// What cannot have an effect is refused rather than ignored.
+// A choice that cannot have an effect is refused rather than ignored. Numbers of a loss, a search
+// or a linear solver may be given where another one is taken: who compares them keeps the numbers.
 void refuse_what_does_not_combine(const SolveOptions& options) {
   refuse_damping(options.minimizer);
   refuse_acceleration(options);

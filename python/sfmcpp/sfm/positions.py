@@ -287,16 +287,10 @@ def _exif_positions(photos: Sequence[Photo]) -> dict[str, Triple]:
 
 
 def _sigmas_of(photos: Sequence[Photo], placed: Mapping[str, Triple]) -> dict[str, Triple] | None:
-    """Standard deviations of the positions of photos, if at least half have them.
-
-    The others have the largest along each axis: receivers leave them out where they are least certain.
-    """
+    """Standard deviations of the positions of photos; None unless all have them."""
     known = {photo.name: photo.position_sigmas_m for photo in photos if photo.name in placed}
-    stated = [sigmas for sigmas in known.values() if sigmas is not None]
-    if not stated or 2 * len(stated) < len(placed):
-        return None
-    east, north, up = (max(axis) for axis in zip(*stated, strict=True))
-    return {name: (east, north, up) if sigmas is None else sigmas for name, sigmas in known.items()}
+    stated = {name: sigmas for name, sigmas in known.items() if sigmas is not None}
+    return stated if len(stated) == len(placed) else None
 
 
 def choose_positions(

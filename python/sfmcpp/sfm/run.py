@@ -323,8 +323,7 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
 
 
 def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModels:
-    total = len(scene.graph.photos)
-    return method(scene, run.settings, lambda done: run.progress("mapping", done, total))
+    return method(scene, run.settings, lambda done: run.progress("mapping", done, len(scene.graph.photos)))
 
 
 def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -> None:

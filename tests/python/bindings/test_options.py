@@ -81,18 +81,6 @@ def test_a_test_of_backtracking_is_refused_without_it(problem: Problem, line_sea
             {"algebraic_weights": "inverse-depth", "line_search": "soft"},
             "only 'g-als' and 't-als' have an algebraic cost",
         ),
-        ({"line_search_iterations": 3}, "line_search_iterations with line_search = 'none'"),
-        ({"loss_scale_px": 2.0}, "loss_scale_px with loss = 'squared'"),
-        ({"linear_solver": "dense", "pcg_tolerance": 0.1}, "pcg_tolerance with linear_solver = 'dense'"),
-        ({"linear_solver": "sparse", "pcg_forcing": 0.1}, "pcg_forcing with linear_solver = 'sparse'"),
-        (
-            {"linear_solver": "sparse", "preconditioner": "schur-jacobi"},
-            "preconditioner = 'schur-jacobi' with linear_solver = 'sparse'",
-        ),
-        (
-            {"method": "alternation", "pcg_max_iterations": 9},
-            "pcg_max_iterations with method = 'alternation'",
-        ),
         ({"pcg_tolerance": 0.1, "pcg_forcing": 0.1}, "pcg_forcing with a pcg_tolerance"),
         (
             {"method": "gauss-newton", "damping_matrix": "identity"},
@@ -114,6 +102,24 @@ def test_what_cannot_have_an_effect_is_refused(
 ) -> None:
     with pytest.raises(InvalidArgument, match=message):
         sfmcpp.solve(problem, **options)
+
+
+@pytest.mark.parametrize(
+    ("taken", "of_another"),
+    [
+        ({}, {"loss_scale_px": 2.0, "line_search_iterations": 3}),
+        ({"linear_solver": "dense"}, {"pcg_tolerance": 0.1, "preconditioner": "schur-jacobi"}),
+        ({"method": "alternation"}, {"pcg_max_iterations": 9}),
+    ],
+    ids=str,
+)
+def test_who_compares_losses_searches_or_solvers_keeps_their_numbers(
+    problem: Problem, taken: dict[str, object], of_another: dict[str, object]
+) -> None:
+    plain, also = (
+        sfmcpp.solve(problem.copy(), **taken, **others, max_iterations=3) for others in ({}, of_another)
+    )
+    assert [step.cost for step in also.iterations] == [step.cost for step in plain.iterations]
 
 
 def without_blocks() -> Problem:

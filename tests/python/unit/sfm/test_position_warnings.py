@@ -165,26 +165,3 @@ def test_of_images_at_one_place_no_position_is_undecidable() -> None:
     metres = np.random.default_rng(0).normal(size=(6, 3))
     trusted = np.arange(6) < 5
     assert not undecidable_positions(np.ones((6, 3)), metres, np.ones((6, 3)), trusted).any()
-
-
-@pytest.mark.parametrize(
-    ("stated", "expected"), [(5, (0.2, 0.1, 0.5)), (3, (0.2, 0.1, 0.5)), (2, None), (0, None)]
-)
-def test_photos_without_an_accuracy_get_the_largest_of_the_others(
-    stated: int, expected: tuple[float, float, float] | None
-) -> None:
-    sigmas = [(0.01, 0.02, 0.03), (0.2, 0.02, 0.5), (0.1, 0.1, 0.03), (0.2, 0.1, 0.5), (0.2, 0.1, 0.5)]
-    photos = [
-        Photo(
-            str(k), position=(47 + 1e-4 * k, 8, 400 + k), position_sigmas_m=sigmas[k] if k < stated else None
-        )
-        for k in range(5)
-    ]
-    found = choose_positions("exif", None, photos)
-    assert found is not None
-    if expected is None:
-        assert found.sigmas_m is None
-    else:
-        assert found.sigmas_m is not None
-        assert found.sigmas_m[:stated].tolist() == [list(row) for row in sigmas[:stated]]
-        assert all(tuple(row) == expected for row in found.sigmas_m[stated:].tolist())
