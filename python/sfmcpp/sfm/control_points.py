@@ -28,9 +28,9 @@ from sfmcpp.model.checks import require_positive, require_seed
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
-from sfmcpp.sfm.georeference import image_names, is_on_a_line, require_movable
+from sfmcpp.sfm.georeference import image_names, require_movable
 from sfmcpp.sfm.mark_checks import mark_outside, warnings_about_marks
-from sfmcpp.sfm.positions import local_positions, match_names
+from sfmcpp.sfm.positions import is_on_a_line, local_positions, match_names
 from sfmcpp.sources.io.control_points import SURVEY_SIGMA_M, ControlPoints, Mark
 from sfmcpp.weighting import solve
 

@@ -37,7 +37,7 @@ from sfmcpp.sfm.position_checks import (
     undecidable_positions,
     warnings_of_all,
 )
-from sfmcpp.sfm.positions import Positions, local_positions
+from sfmcpp.sfm.positions import Positions, local_positions, require_no_line
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
     from sfmcpp._core import SolveKeywords
 
-# Centres lie on a line where their second spread is below this part of their first.
-_LINE = 0.01
 _ROUNDS = 8
 # Cameras whose covariance tells the accuracy of all, at most.
 _JUDGED = 300
@@ -261,7 +259,7 @@ class _Georeferencing:
         good = agreeing_pairs(problem.centres[images], metres, seed=self._seed)
         good |= undecidable_positions(problem.centres[images], metres, weights, good)
         for _ in range(_ROUNDS):
-            _require_not_collinear(metres[good], self._named(~good))
+            require_no_line(metres[good], self._named(~good))
             # A step of the adjustment turns no whole model without bending it: little is left for it.
             placed = _fitted_similarity(problem.centres[images[good]], metres[good], weights[good])
             placed.move(problem)
@@ -317,20 +315,6 @@ def _require_enough(metres: FloatArray) -> None:
     if len(metres) < LEAST_POSITIONS:
         raise InvalidArgument(
             f"gps: {len(metres)} images of the model have a position, {LEAST_POSITIONS} are needed"
-        )
-
-
-def is_on_a_line(metres: FloatArray) -> bool:
-    """Whether positions (n, 3) leave a model free to turn about a line."""
-    spread = np.linalg.svd(metres - np.median(metres, axis=0), compute_uv=False)
-    return bool(spread[1] <= _LINE * spread[0])
-
-
-def _require_not_collinear(metres: FloatArray, wrong: list[str]) -> None:
-    if is_on_a_line(metres):
-        but = f" but for those that disagree ({', '.join(wrong[:3])})" if wrong else ""
-        raise InvalidArgument(
-            f"gps: the positions{but} lie on a line, which leaves the model free to turn round it"
         )
 
 

@@ -26,6 +26,8 @@ from sfmcpp.sources.vision.photos import open_photos
 _GRID_M = 1000.0
 # A position at zero is none where the others are farther from there than any flight goes [m].
 _FAR_M = 100e3
+# Positions lie on a line where their second spread is below this part of their first.
+_LINE = 0.01
 GPS_WORDS = ("auto", "exif", "none")
 
 
@@ -315,7 +317,7 @@ def choose_positions(
     Raises
     ------
     InvalidArgument
-        If positions are asked for and there are too few.
+        If positions are asked for, and there are too few or they lie on a line.
     """
     names = [photo.name for photo in photos]
     if known is not None:
@@ -335,7 +337,23 @@ def _enough_positions(positions: Positions) -> Positions:
     count = np.count_nonzero(positions.known)
     if count < LEAST_POSITIONS:
         raise InvalidArgument(f"gps: {count} images have a position, {LEAST_POSITIONS} are needed")
+    require_no_line(positions.metres[positions.known], [])
     return positions
+
+
+def is_on_a_line(metres: FloatArray) -> bool:
+    """Whether positions (n, 3) leave a model free to turn about a line."""
+    spread = np.linalg.svd(metres - np.median(metres, axis=0), compute_uv=False)
+    return bool(spread[1] <= _LINE * spread[0])
+
+
+def require_no_line(metres: FloatArray, wrong: list[str]) -> None:
+    """Raise InvalidArgument if positions (n, 3) lie on a line, but for those of the images named."""
+    if is_on_a_line(metres):
+        but = f" but for those that disagree ({', '.join(wrong[:3])})" if wrong else ""
+        raise InvalidArgument(
+            f"gps: the positions{but} lie on a line, which leaves the model free to turn round it"
+        )
 
 
 def unused_positions(gps: str | PathLike[str], photos: Sequence[Photo]) -> list[str]:

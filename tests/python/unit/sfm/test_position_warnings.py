@@ -123,6 +123,17 @@ def test_too_few_positions_are_refused_before_the_work_where_they_are_asked_for(
         choose_positions(gps, known, photos)
 
 
+@pytest.mark.parametrize("gps", ["auto", "exif"])
+def test_positions_on_a_line_are_refused_before_the_work_where_they_are_asked_for(gps: str) -> None:
+    places = [(46.0, 9.0 + 0.001 * k, 100.0) for k in range(8)]
+    photos = [Photo(f"{k}.jpg", None, (640, 480), position=place) for k, place in enumerate(places)]
+    if gps == "auto":
+        assert choose_positions(gps, None, photos) is not None  # which prove useless later, with a warning
+        return
+    with pytest.raises(InvalidArgument, match="gps: the positions lie on a line, which leaves the model"):
+        choose_positions(gps, None, photos)
+
+
 def test_a_few_wrong_positions_are_left_out_without_doubt_of_the_others() -> None:
     text = warnings_of(wrong=2)
     assert "2 positions disagree with the images" in text
