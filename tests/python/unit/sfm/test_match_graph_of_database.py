@@ -176,8 +176,12 @@ def test_what_is_not_used_is_said(tmp_path: Path) -> None:
 
 
 def with_more_positions(photos: Sequence[Photo]) -> list[Photo]:
-    """The photos and copies of the first: fewer than five positions are refused."""
-    return [*photos, *(replace(photos[0], name=f"more {k}.jpg") for k in range(4))]
+    """The photos and copies of the first about it: fewer than five positions, and a line, are refused."""
+    assert photos[0].position is not None
+    latitude, longitude, height = photos[0].position
+    places = [(latitude + k, longitude + k * k, height) for k in range(4)]
+    copies = (replace(photos[0], name=f"more {k}.jpg", position=place) for k, place in enumerate(places))
+    return [*photos, *copies]
 
 
 def covariance(*variances: float) -> str:
