@@ -1,8 +1,6 @@
 #include "workspace.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <cstdio>
 #include <exception>
 #include <functional>
 
@@ -235,25 +233,12 @@ std::unique_ptr<linear::LinearSolver> make_solver(const BundleModel& model,
   return linear::make_chosen_solver(model.normal_equations(), options.linear_solver, choice);
 }
 
-// Where there is no linear solver that a limit could replace.
-void require_memory(double needed, const SolveOptions& options, Exchange& exchange) {
-  const std::optional<double> limit = options.linear_solver.max_memory_bytes;
-  if (!limit || exchange.max(needed) <= *limit) return;
-  char text[96];
-  std::snprintf(text,
-                sizeof text,
-                "max_memory_bytes = %.12g: the solve would need %.1f MB",
-                *limit,
-                std::ceil(exchange.max(needed) / 1e5) / 10);
-  throw InvalidArgument(text);
-}
-
 linear::LinearSolverChoice choose_solver(Workspace& work,
                                          const Problem& problem,
                                          const SolveOptions& options) {
   const double held = held_bytes(work.rows.graph(), work.map, work.precision, options);
   if (!facts_of(options.minimizer.method).solves_linear_system) {
-    require_memory(held, options, work.exchange);
+    linear::require_memory(options.linear_solver, held, work.exchange);
     return {.kind = linear::LinearSolverKind::kIterative,
             .reason = "the method solves no system of all cameras"};
   }

@@ -42,20 +42,24 @@ std::string describe(const SolverForecast& forecast) {
          in_words(forecast.bytes / 1e6, "MB");
 }
 
+[[noreturn]] void refuse_memory(double limit, const std::string& reason) {
+  char text[48];
+  std::snprintf(text, sizeof text, "%.12g", limit);
+  throw InvalidArgument("max_memory_bytes = " + std::string(text) + ": " + reason);
+}
+
 [[noreturn]] void refuse(const LinearSolverOptions& options,
                          double held,
                          const SolverForecast& asked,
                          const SolverForecast& leanest) {
-  char limit[48];
-  std::snprintf(limit, sizeof limit, "%.12g", *options.max_memory_bytes);
-  std::string text = "max_memory_bytes = " + std::string(limit) + ": ";
+  std::string text;
   if (asked.kind != leanest.kind) {
     text += "the linear solver '" + std::string(enum_name(asked.kind)) + "' would need " +
             needed(held + asked.bytes) + ", and ";
   }
   text += "the leanest, '" + std::string(enum_name(leanest.kind)) + "', would need " +
           needed(held + leanest.bytes);
-  throw InvalidArgument(text);
+  refuse_memory(*options.max_memory_bytes, text);
 }
 
 // Compares the candidates, the cheap predictions first: the symbolic analysis that some of them
@@ -232,6 +236,13 @@ void analyse_structure(const SolverQuestion& question, LinearSolverChoice& choic
   choice.counts.factor_flops = ordering.flops;
   choice.counts.factor_entries = ordering.factor_entries;
   choice.counts.factor_bytes = ordering.factor_bytes;
+}
+
+void require_memory(const LinearSolverOptions& options, double held_bytes, Exchange& exchange) {
+  if (!options.max_memory_bytes) return;
+  const double largest = exchange.max(held_bytes);
+  if (largest > *options.max_memory_bytes)
+    refuse_memory(*options.max_memory_bytes, "the solve would need " + needed(largest));
 }
 
 LinearSolverChoice choose_linear_solver(const SolverQuestion& question,

@@ -97,9 +97,10 @@ def adjust(
     unit = unit_of_residuals([has_own_sigmas(arrays)])
     if unit == "px" and not calibration:  # which explains the result
         calibration += warnings_about_result(problem, summary)
-    calibration += warnings_about_sigmas(summary, problem.sigma_px)
+    about_sigmas = warnings_about_sigmas(summary, problem.sigma_px)
     about_input = with_ids_of_points(summary.warnings, problem)
-    warnings = [*about_input, *doubtful, *calibration, *about_loss, *checkpoints.warnings]
+    about_run = [*about_sigmas, *about_loss, *checkpoints.warnings]
+    warnings = [*about_input, *doubtful, *calibration, *about_run]
     return replace(summary, warnings=warnings, rms_unit=unit)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_normalised, unit
 from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
@@ -17,7 +16,7 @@ from sfmcpp.geometry.relative_pose import RelativePose
 from sfmcpp.geometry.resection import pose_inliers
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
-from sfmcpp.model.checks import is_rotation, require_count, require_positive
+from sfmcpp.model.checks import require_count, require_positive, require_rotation
 
 # With two thirds of the matches wrong, all samples miss once in 10⁷ times.
 _SAMPLES = 150
@@ -136,8 +135,7 @@ def resection_of_rotation(
 
 def _rotation(value: ArrayLike) -> FloatArray:
     rotation = finite_array("rotation", value, (3, 3))
-    if not is_rotation(rotation):
-        raise InvalidArgument("rotation: must be orthonormal and right-handed")
+    require_rotation("rotation", rotation)
     return rotation
 
 

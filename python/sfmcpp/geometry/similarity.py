@@ -17,7 +17,7 @@ from sfmcpp.geometry.so3 import hat, nearest_rotation
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
-from sfmcpp.model.checks import is_rotation, require_positive
+from sfmcpp.model.checks import require_positive, require_rotation
 
 # Thinnest extent relative to the longest one that is more than rounding.
 THINNEST_EXTENT = 1e-7
@@ -52,8 +52,7 @@ class Similarity:
         require_positive("scale", self.scale)
         object.__setattr__(self, "rotation", finite_array("rotation", self.rotation, (3, 3)))
         object.__setattr__(self, "translation", finite_array("translation", self.translation, (3,)))
-        if not is_rotation(self.rotation):
-            raise InvalidArgument("rotation: must be orthonormal and right-handed")
+        require_rotation("rotation", self.rotation)
 
     @classmethod
     def identity(cls) -> Similarity:

@@ -139,24 +139,22 @@ class CameraFunction:
         if not _indices_fit(problem):
             return
         points, rows = _points_in_cameras(problem)
-        (bad,) = np.nonzero(~np.isfinite(self._pixels(points, rows).sum(axis=1)))
-        if len(bad):
-            k = int(bad[0])
-            raise InvalidArgument(
-                f"camera_model {self.name!r}: project gives no number for observation {k}, of a point at "
-                f"{points[k].tolist()} in its camera ({len(bad)} of {len(points)} observations)"
-            )
+        self._require_numbers("gives no number for", self._pixels(points, rows).sum(axis=1), points)
 
     def require_derivatives(self, problem: Problem) -> None:
         """Raise InvalidArgument unless the derivatives of every observation are numbers."""
         points, rows = _points_in_cameras(problem)
         _, *found = self.evaluate(points, rows, jacobians=True)
-        sums = sum(np.sum(part, axis=(1, 2)) for part in found if part is not None)
+        sums = np.sum([part.sum(axis=(1, 2)) for part in found if part is not None], axis=0)
+        self._require_numbers("has no derivatives at", sums, points)
+
+    def _require_numbers(self, fault: str, sums: FloatArray, points: FloatArray) -> None:
+        """Raise InvalidArgument at the first observation whose sum is none; `points` are in their cameras."""
         (bad,) = np.nonzero(~np.isfinite(sums))
         if len(bad):
             k = int(bad[0])
             raise InvalidArgument(
-                f"camera_model {self.name!r}: project has no derivatives at observation {k}, of a point at "
+                f"camera_model {self.name!r}: project {fault} observation {k}, of a point at "
                 f"{points[k].tolist()} in its camera ({len(bad)} of {len(points)} observations)"
             )
 

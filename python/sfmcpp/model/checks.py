@@ -117,6 +117,12 @@ def is_rotation(matrices: FloatArray, tolerance: float = ROTATION_TOLERANCE) -> 
         return np.asarray(orthonormal & (np.linalg.det(matrices) > 0))
 
 
+def require_rotation(name: str, matrix: FloatArray) -> None:
+    """Raise InvalidArgument unless a matrix (3, 3) is a rotation."""
+    if not is_rotation(matrix):
+        raise InvalidArgument(f"{name}: must be orthonormal and right-handed")
+
+
 def require_near(name: str, before_s: float, time_s: float) -> None:
     """Refuse a stamp of a run that comes more than a day after the one before: it is in another unit."""
     if time_s - before_s > LONGEST_PAUSE_S:

@@ -141,6 +141,10 @@ struct SolverQuestion {
   double number_bytes = sizeof(double);  // of an entry of the Jacobian
 };
 
+// For methods without a linear solver, which a limit could replace: throws InvalidArgument if what
+// the solve holds beside one is more than max_memory_bytes on any rank.
+void require_memory(const LinearSolverOptions& options, double held_bytes, Exchange& exchange);
+
 // `auto`: by predicted cost and memory, for the points of all ranks: by counts and reference rates,
 // hence the same for every run and every number of threads. Any other kind is returned as it is.
 // Throws InvalidArgument where max_memory_bytes does not hold the kind asked for, or any.
