@@ -13,7 +13,7 @@ from enum import IntEnum
 from functools import wraps
 from typing import IO, TYPE_CHECKING, Any, ParamSpec, cast
 
-from sfmcpp.errors import SfmcppError
+from sfmcpp.errors import InvalidArgument, SfmcppError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -81,6 +81,10 @@ def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
     def run(*arguments: P.args, **options: P.kwargs) -> ExitCode:
         try:
             return command(*arguments, **options)
+        except InvalidArgument as error:
+            from sfmcpp.cli.flags import by_flags
+
+            return print_error(by_flags(str(error), command))
         except SfmcppError as error:
             return print_error(error)
         except KeyboardInterrupt:

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import inspect
 import re
+from collections.abc import Callable
+from typing import Any
+
+from typer.models import OptionInfo
 
 from sfmcpp._core import SolveOption
 from sfmcpp.ba.options import OPTIONS
 
 # What holds the cameras of a rig to each other.
 RIGS = ("fixed", "free", "ignore")
+
+# Arguments of functions whose options on the command line have other names.
+_OTHER_NAMES = {
+    "sigmas": "sensor_sigma",
+    "sensor_columns": "sensor_column",
+    "clock_offset_s": "clock_offset",
+}
+_NAMED = re.compile(r"(\w+)(?:\['(\w+)'\])?(:| = )")
 
 
 def flag(option: SolveOption) -> str:
@@ -22,3 +35,21 @@ def as_options(text: str) -> str:
     for option in OPTIONS.values():
         text = re.sub(rf"\b{option.name} = ", f"{flag(option)} ", text)
     return text
+
+
+def by_flags(message: str, command: Callable[..., Any]) -> str:
+    """A message ``name = value: rule`` or ``name: rule`` with the option of `command` that has this name."""
+    named = _NAMED.match(message)
+    name = named and _OTHER_NAMES.get(named[1], named[1])
+    parameter = inspect.signature(command, eval_str=True).parameters.get(name or "")
+    if not named or parameter is None or not _is_option(parameter):
+        return message
+    option, key, rest = f"--{parameter.name.replace('_', '-')}", named[2], message[named.end() :]
+    if named[3] == ":":
+        return f"{option}:{rest}"
+    return f"{option} {key}={rest}" if key else f"{option} {rest}"
+
+
+def _is_option(parameter: inspect.Parameter) -> bool:
+    """Whether it is given by name on the command line, and not by its place."""
+    return any(isinstance(what, OptionInfo) for what in getattr(parameter.annotation, "__metadata__", ()))

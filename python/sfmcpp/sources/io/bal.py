@@ -141,7 +141,7 @@ def _read_counts(numbers: NumberStream) -> _Counts:
     for token, name in enumerate(names):
         fault = first_no_integer(head[:, token], name, 0, LARGEST_COUNT)
         if fault is not None:
-            raise numbers.error(fault[1], token)
+            raise numbers.error(f"{fault[1]}; a BAL file begins with three counts", token)
     return _Counts(*head[0].astype(int).tolist())
 
 
