@@ -140,24 +140,26 @@ def test_sides_that_look_alike_are_warned_of(
     assert told, (code, registered(report), report["rms_px"], report["warnings"])
 
 
-def test_positions_that_lie_are_named_and_cost_nothing(tmp_path: Path) -> None:
-    truth = photos_of("drone", tmp_path / "photos", 16, gps_sigma_m=1.0, gps_lies=3, gps_lie_m=20.0, seed=2)
-    lies = truth.metadata.extra["gps_lies"]
+def test_wrong_positions_are_named_and_cost_nothing(tmp_path: Path) -> None:
+    truth = photos_of(
+        "drone", tmp_path / "photos", 16, gps_sigma_m=1.0, gps_outliers=3, gps_outlier_m=20.0, seed=2
+    )
+    outliers = truth.metadata.extra["gps_outliers"]
     code, report = reconstructed(tmp_path / "photos", tmp_path / "told", "--gps", "exif")
     assert (code, len(registered(report))) == (0, 16)
-    assert sorted(report["gps"]["outliers"]) == lies
+    assert sorted(report["gps"]["outliers"]) == outliers
     assert 0.5 < report["gps"]["sigma_m"] < 1.6
-    honest = tmp_path / "honest.csv"
+    correct = tmp_path / "correct.csv"
     given = geodetic_of(truth.metadata.extra["gps"], WORLD_ORIGIN)
     rows = zip(truth.metadata.image_names, given, strict=True)
-    lines = [f"{name},{a:.10f},{b:.10f},{h:.5f}" for name, (a, b, h) in rows if name not in lies]
-    honest.write_text("\n".join(["name,lat,lon,height", *lines]) + "\n")
+    lines = [f"{name},{a:.10f},{b:.10f},{h:.5f}" for name, (a, b, h) in rows if name not in outliers]
+    correct.write_text("\n".join(["name,lat,lon,height", *lines]) + "\n")
     shutil.copytree(tmp_path / "told/cache", tmp_path / "by-hand/cache")
-    _, by_hand = reconstructed(tmp_path / "photos", tmp_path / "by-hand", "--resume", "--gps", str(honest))
+    _, by_hand = reconstructed(tmp_path / "photos", tmp_path / "by-hand", "--resume", "--gps", str(correct))
     assert by_hand["gps"]["outliers"] == []
-    with_lies = world_error_m(tmp_path / "told", truth)
-    assert with_lies <= 1.05 * world_error_m(tmp_path / "by-hand", truth)
-    assert with_lies < 1.0
+    with_outliers = world_error_m(tmp_path / "told", truth)
+    assert with_outliers <= 1.05 * world_error_m(tmp_path / "by-hand", truth)
+    assert with_outliers < 1.0
 
 
 def world_error_m(out: Path, truth: Problem) -> float:

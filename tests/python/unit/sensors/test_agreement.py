@@ -109,7 +109,7 @@ def test_a_unit_that_another_stream_rules_out_is_named(
             require_agreement(pair[::-1])
 
 
-def test_a_sensor_that_lies_for_a_while_is_left_to_its_weight() -> None:
+def test_a_sensor_that_is_wrong_for_a_while_is_left_to_its_weight() -> None:
     streams = round_trip()
     speed, rate = streams["speed"], streams["angular_rate"]
     lie = (speed.t_s > 10) & (speed.t_s < 20)

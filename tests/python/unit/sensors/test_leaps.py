@@ -20,7 +20,7 @@ def stream_of(t_s: np.ndarray, values: np.ndarray, kind: str = "speed") -> Senso
 
 
 @pytest.mark.parametrize(("rate_hz", "sigma"), [(10, 0.0), (10, 0.1), (100, 0.0), (100, 0.3)])
-def test_an_honest_drive_is_not_doubted(rate_hz: int, sigma: float) -> None:
+def test_a_correct_drive_is_not_doubted(rate_hz: int, sigma: float) -> None:
     t_s = np.arange(0, 60, 1 / rate_hz)
     noise = sigma * np.random.default_rng(0).normal(size=len(t_s))
     assert doubtful_stretches(stream_of(t_s, speeds(t_s) + noise)) == ()
@@ -30,8 +30,8 @@ def test_an_honest_drive_is_not_doubted(rate_hz: int, sigma: float) -> None:
 @pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
 def test_a_factor_that_comes_and_goes_is_doubted_while_it_lasts(factor: float, kind: str) -> None:
     t_s = np.arange(0, 60, 0.1)
-    lying = (t_s >= 20) & (t_s < 30)
-    wrong = speeds(t_s) * np.where(lying, factor, 1.0)
+    faulty = (t_s >= 20) & (t_s < 30)
+    wrong = speeds(t_s) * np.where(faulty, factor, 1.0)
     along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
     values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * wrong)}
     (found,) = doubtful_stretches(stream_of(t_s, values[kind], kind))
@@ -49,10 +49,10 @@ def test_a_leap_that_is_not_taken_back_lasts_until_the_body_stands() -> None:
     assert until_stop.end_s == pytest.approx(24.3, abs=0.3)
 
 
-def test_two_lies_are_two_stretches() -> None:
+def test_two_faults_are_two_stretches() -> None:
     t_s = np.arange(0, 60, 0.1)
-    lying = ((t_s >= 10) & (t_s < 20)) | ((t_s >= 40) & (t_s < 45))
-    found = doubtful_stretches(stream_of(t_s, speeds(t_s) * np.where(lying, 1.4, 1.0)))
+    faulty = ((t_s >= 10) & (t_s < 20)) | ((t_s >= 40) & (t_s < 45))
+    found = doubtful_stretches(stream_of(t_s, speeds(t_s) * np.where(faulty, 1.4, 1.0)))
     assert [round(gap.start_s) for gap in found] == [10, 40]
     assert [round(gap.end_s) for gap in found] == [20, 45]
 
@@ -75,10 +75,10 @@ def test_a_spike_in_the_first_sample_is_as_any_other(later: list[int], kind: str
         np.testing.assert_allclose(carried_over(stream, found).values[:, 0], speeds(t_s), rtol=0.01)
 
 
-def test_a_lie_from_the_second_sample_on_is_doubted() -> None:
+def test_a_fault_from_the_second_sample_on_is_doubted() -> None:
     t_s = np.arange(0, 60, 0.1)
-    lying = (t_s > 0) & (t_s < 10)
-    (found,) = doubtful_stretches(stream_of(t_s, speeds(t_s) * np.where(lying, 2.0, 1.0)))
+    faulty = (t_s > 0) & (t_s < 10)
+    (found,) = doubtful_stretches(stream_of(t_s, speeds(t_s) * np.where(faulty, 2.0, 1.0)))
     assert (found.start_s, found.end_s) == pytest.approx((0, 10), abs=0.25)
 
 
@@ -142,12 +142,12 @@ def test_two_samples_tell_nothing() -> None:
 
 def test_inertia_carries_a_speed_over_what_is_doubted() -> None:
     t_s = np.arange(0, 60, 0.1)
-    lying = (t_s >= 20) & (t_s < 22)
-    stream = stream_of(t_s, speeds(t_s) * np.where(lying, 0.6, 1.0))
+    faulty = (t_s >= 20) & (t_s < 22)
+    stream = stream_of(t_s, speeds(t_s) * np.where(faulty, 0.6, 1.0))
     carried = carried_over(stream, doubtful_stretches(stream))
-    honest = stream_of(t_s, speeds(t_s))
-    np.testing.assert_array_equal(carried.values[~lying], stream.values[~lying])
-    found, true, told = (travelled_distance(s, 20.0, 22.0) for s in (carried, honest, stream))
+    correct = stream_of(t_s, speeds(t_s))
+    np.testing.assert_array_equal(carried.values[~faulty], stream.values[~faulty])
+    found, true, told = (travelled_distance(s, 20.0, 22.0) for s in (carried, correct, stream))
     assert found == pytest.approx(true, rel=0.06)
     assert told != pytest.approx(true, rel=0.3)
 

@@ -35,11 +35,11 @@ def with_values(stream: SensorStream, values: np.ndarray) -> SensorStream:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_swapped_axes_bend_to_the_other_side(seed: int) -> None:
-    honest = fixes(drive(), seed)
-    found = check_bends(honest, drive())
+    correct = fixes(drive(), seed)
+    found = check_bends(correct, drive())
     assert not found.is_mirrored
     assert found.error_rad < 0.5 * found.mirrored_error_rad
-    swapped = check_bends(with_values(honest, honest.values[:, [1, 0, 2]]), drive())
+    swapped = check_bends(with_values(correct, correct.values[:, [1, 0, 2]]), drive())
     assert swapped.is_mirrored
     assert swapped.mirrored_error_rad == pytest.approx(found.error_rad, abs=1e-9)
 

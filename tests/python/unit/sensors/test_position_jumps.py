@@ -27,7 +27,7 @@ def found(t_s: np.ndarray, places: np.ndarray, seed: int, sigma_m: float = 1.0) 
 
 @pytest.mark.parametrize("period_s", [0.05, 0.1, 0.25, 1.0])
 @pytest.mark.parametrize("sigma_m", [0.02, 1.0])
-def test_honest_positions_are_all_kept(period_s: float, sigma_m: float) -> None:
+def test_correct_positions_are_all_kept(period_s: float, sigma_m: float) -> None:
     t_s, places = winding_way(period_s, 120.0)
     assert not any(found(t_s, places, seed, sigma_m).any() for seed in range(20))
 
@@ -109,7 +109,7 @@ def test_of_two_places_that_cannot_both_be_the_one_with_more_positions_is_believ
 
 @pytest.mark.parametrize("aside_m", [20.0, 25.0, 30.0, 32.0])
 @pytest.mark.parametrize("seed", range(5))
-def test_honest_positions_stay_where_only_one_edge_of_a_jump_is_a_leap(aside_m: float, seed: int) -> None:
+def test_correct_positions_stay_where_only_one_edge_of_a_jump_is_a_leap(aside_m: float, seed: int) -> None:
     t_s = np.arange(0.0, 16.0, 0.2)
     places = np.stack([0 * t_s, 5 * t_s, 0 * t_s], axis=1)
     places += np.random.default_rng(seed).normal(0, 0.5, places.shape)

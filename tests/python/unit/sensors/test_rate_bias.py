@@ -47,7 +47,7 @@ def test_a_bias_is_found_and_taken_from_the_stream(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_an_honest_gyroscope_has_none(seed: int) -> None:
+def test_a_correct_gyroscope_has_none(seed: int) -> None:
     assert find_bias(gyro(seconds=9.0), MOUNTING, turns(seed=seed)) is None
     assert find_bias(biased(share=0.1), MOUNTING, turns(seed=seed)) is None
 

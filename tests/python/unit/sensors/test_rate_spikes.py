@@ -24,11 +24,11 @@ def stream_of(values: np.ndarray) -> SensorStream:
 
 
 @pytest.mark.parametrize("noise_deg_s", [0.0, 0.3, 3.0])
-def test_honest_rates_have_none(noise_deg_s: float) -> None:
+def test_correct_rates_have_none(noise_deg_s: float) -> None:
     assert not rate_spikes(stream_of(rates(noise_deg_s))).any()
     assert describe_spikes(stream_of(rates(noise_deg_s))) == []
-    honest = stream_of(rates(noise_deg_s))
-    assert without_spikes(honest) is honest
+    correct = stream_of(rates(noise_deg_s))
+    assert without_spikes(correct) is correct
 
 
 def test_a_bend_that_begins_at_once_is_none() -> None:

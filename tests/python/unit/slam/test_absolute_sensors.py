@@ -88,10 +88,10 @@ def test_the_map_waits_for_positions_far_enough_apart_for_a_scale() -> None:
 
 def test_positions_that_jump_away_and_back_are_named_and_get_no_weight() -> None:
     scene, sigma_m = bent(), 0.3
-    honest = gps_of(scene.cameras, sigma_m)
-    away = np.zeros_like(honest.stream.values)
+    correct = gps_of(scene.cameras, sigma_m)
+    away = np.zeros_like(correct.stream.values)
     away[50:74] = [9.0, -12.0, 0.0]
-    stream = SensorStream(honest.stream.t_s, honest.stream.values + away, "position")
+    stream = SensorStream(correct.stream.t_s, correct.stream.values + away, "position")
     result = run_slam(sequence_of(scene), sensors=[Gps(stream, MOUNTING, sigma_m=sigma_m)])
     assert any("24 of 120 positions jump away from the others" in warning for warning in result.warnings)
     assert errors(result, scene.cameras)[0] < 2 * sigma_m
@@ -182,7 +182,7 @@ def test_on_a_real_drive_positions_of_a_metre_keep_it_in_place(
 
 
 @pytest.mark.real
-def test_an_honest_gps_is_kept_where_the_map_breaks(data_dir: Path) -> None:
+def test_a_correct_gps_is_kept_where_the_map_breaks(data_dir: Path) -> None:
     # Images and positions are 49 m apart once. Without these the map would not come back.
     d = read_kitti_mat(data_dir / "kitti_tracks/2011_09_26_drive_0036_sync_KLT.mat")
     centres = d.truth.poses[:, :, 3]

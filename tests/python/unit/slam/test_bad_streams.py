@@ -113,11 +113,11 @@ def test_a_rate_that_leaps_away_and_back_is_told_and_costs_nothing() -> None:
     values = drive.gyro.values.copy()
     values[len(values) // 2] += [0.0, 3.0, 0.0]
     sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
-    honest = run_slam(drive.sequence, sensors=sensors)
+    correct = run_slam(drive.sequence, sensors=sensors)
     spiked = Gyroscope(replace(drive.gyro, values=values), AT_CAMERA)
     result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer), spiked])
     assert [w for w in result.warnings if "1 of" in w and "leap away and back within a sample" in w]
-    assert drive.errors(result)[0] < 1.05 * drive.errors(honest)[0] + 0.01
+    assert drive.errors(result)[0] < 1.05 * drive.errors(correct)[0] + 0.01
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_a_clock_that_is_wrong_is_set_right_and_told(seed: int, late_s: float, t
     drive = winding(seed=seed)
     late = [Odometer(drive.odometer.shifted(late_s)), Gyroscope(drive.gyro.shifted(late_s), AT_CAMERA)]
     own = replace(drive.odometer, t_s=drive.odometer.t_s + 1e-4)
-    honest, both, one = (
+    correct, both, one = (
         run_slam(drive.sequence, sensors=sensors)
         for sensors in (
             [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)],
@@ -163,7 +163,7 @@ def test_a_clock_that_is_wrong_is_set_right_and_told(seed: int, late_s: float, t
     assert re.match(rf"gyro: {pattern}", one.warnings[0])
     for mended in (both, one):
         require_all_frames(mended)
-        assert drive.errors(mended)[0] < 1.5 * drive.errors(honest)[0]
+        assert drive.errors(mended)[0] < 1.5 * drive.errors(correct)[0]
     plain = run_slam(drive.sequence, SlamSettings(weight_bounds="none"), late)
     assert not any("are added" in warning for warning in plain.warnings)
 

@@ -35,9 +35,9 @@ def gps(late_s: float = 0.0) -> Gps:
 
 
 def mirrored() -> Gps:
-    honest = gps()
-    swapped = honest.stream.values[:, [1, 0, 2]]
-    return replace(honest, stream=SensorStream(honest.stream.t_s, swapped, "position"))
+    correct = gps()
+    swapped = correct.stream.values[:, [1, 0, 2]]
+    return replace(correct, stream=SensorStream(correct.stream.t_s, swapped, "position"))
 
 
 def run(*sensors: MotionSensor) -> SlamResult:
@@ -71,14 +71,14 @@ def test_the_path_without_images_goes_over_leaps_of_the_speed_by_inertia() -> No
     assert np.abs(carried.centres - sound.centres).max() < 0.5
 
 
-def test_swapped_axes_are_named_and_honest_ones_are_not() -> None:
+def test_swapped_axes_are_named_and_correct_ones_are_not() -> None:
     assert any("turns to the other side" in warning for warning in run(mirrored()).warnings)
     assert not any("other side" in warning for warning in run(gps()).warnings)
 
 
 def test_a_clock_that_is_off_is_told_and_set_right_beside_odometer_and_gyroscope() -> None:
-    honest, late = run(gps(), *of_motion()), run(gps(1.0), *of_motion())
-    assert not any("its clock" in warning for warning in honest.warnings)
+    correct, late = run(gps(), *of_motion()), run(gps(1.0), *of_motion())
+    assert not any("its clock" in warning for warning in correct.warnings)
     assert any("gps: its clock is" in warning for warning in late.warnings)
     assert "the run was begun again without what was wrong" in late.warnings
     # With that clock as it is 0.85 m, with the right one 0.14.

@@ -59,8 +59,8 @@ def test_a_declared_sigma_is_not_estimated() -> None:
 def test_only_conflicts_in_a_row_are_named(in_a_row: int, named: bool) -> None:
     known = Experience()
     for k in range(40):
-        lies = k in (3, 4, 5, 7, 9) or 20 <= k < 20 + in_a_row
-        known.add(report(3.5 if lies else 0.5, sensor_sigma=0.02), STEP)
+        wrong = k in (3, 4, 5, 7, 9) or 20 <= k < 20 + in_a_row
+        known.add(report(3.5 if wrong else 0.5, sensor_sigma=0.02), STEP)
     told = known.describe("odometer")
     assert bool(told) == named
     if named:
@@ -87,7 +87,7 @@ def test_one_strong_conflict_is_named_where_it_is_not_usual(others: float, named
         assert "disagrees with the images at 1 keyframe, by up to 9 σ" in told[0]
 
 
-def test_a_lie_that_lasts_for_half_of_a_run_is_named() -> None:
+def test_a_fault_that_lasts_for_half_of_a_run_is_named() -> None:
     known = Experience()
     for k in range(9):
         known.add(report(100.0 if k > 3 else 0.5, sensor_sigma=0.02), STEP)
@@ -114,7 +114,7 @@ def test_a_run_estimates_what_is_not_declared_and_says_so() -> None:
     assert min(weights[KEYFRAMES_OF_SIGMA:]) > 0
 
 
-def test_honest_sensors_are_not_complained_of() -> None:
+def test_correct_sensors_are_not_complained_of() -> None:
     drive = winding()
     sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
     assert run_slam(drive.sequence, sensors=sensors).warnings == []

@@ -125,7 +125,7 @@ def test_the_usual_weight_follows_what_the_sensor_may_be_off_by() -> None:
 
 
 def test_the_usual_weight_is_that_of_lately() -> None:
-    """A sensor that has begun to lie keeps what conflicts leave it."""
+    """A sensor that has become wrong keeps what conflicts leave it."""
     world, _ = map_and_view()
     remember(world, "odometer", *[50.0] * 20, 7.0, 1.0, 2.0, 3.0, 4.0)
     assert [c.weight for c in usual_weights(world, [scale(1.0)])] == pytest.approx([3.0])

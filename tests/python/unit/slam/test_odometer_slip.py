@@ -55,7 +55,7 @@ def test_a_slow_slip_is_told_and_taken_away(drive: KittiDrive, gyro: bool) -> No
 
 
 @pytest.mark.parametrize("gyro", [False, True])
-def test_an_honest_odometer_is_not_named(drive: KittiDrive, gyro: bool) -> None:
+def test_a_correct_odometer_is_not_named(drive: KittiDrive, gyro: bool) -> None:
     assert run(drive, 1.0, gyro=gyro).warnings == []
 
 

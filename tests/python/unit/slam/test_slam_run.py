@@ -1,4 +1,4 @@
-"""The loop as a whole: exact on exact data, and honest where there is nothing to go by."""
+"""The loop as a whole: exact on exact data, and correct where there is nothing to go by."""
 
 from __future__ import annotations
 

@@ -128,11 +128,11 @@ def run_without_model(num_images: int = 3) -> SfmRun:
     return whole
 
 
-def gps_outcome(run: SfmRun, liar: int) -> GpsOutcome:
-    """Positions of all images but one that lies by 20 m."""
+def gps_outcome(run: SfmRun, outlier: int) -> GpsOutcome:
+    """Positions of all images but one, which is off by 20 m."""
     names = run.graph.photos
-    residuals = {photo.name: 20.0 if i == liar else 0.5 + 0.01 * i for i, photo in enumerate(names)}
-    return GpsOutcome(0.6, 0.12, [names[liar].name], np.array([48.2, 16.37, 180.0]), residuals)
+    residuals = {photo.name: 20.0 if i == outlier else 0.5 + 0.01 * i for i, photo in enumerate(names)}
+    return GpsOutcome(0.6, 0.12, [names[outlier].name], np.array([48.2, 16.37, 180.0]), residuals)
 
 
 def thumbnail(photo: Photo) -> bytes:

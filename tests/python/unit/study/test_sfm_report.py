@@ -134,9 +134,9 @@ def test_every_pair_is_told_with_its_reason() -> None:
     assert (pairs[-1]["kind"], pairs[-1]["reason"]) == ("none", "12 matches, 30 are needed")
 
 
-def test_positions_that_lie_are_named() -> None:
+def test_wrong_positions_are_named() -> None:
     run = finished_run()
-    run.gps = gps_outcome(run, liar=3)
+    run.gps = gps_outcome(run, outlier=3)
     report = SfmReport(run)
     told = report.to_dict()["gps"]
     assert told["outliers"] == ["set/photo 0003.jpg"]
@@ -149,7 +149,7 @@ def test_positions_that_lie_are_named() -> None:
 def test_residuals_of_positions_are_told_by_axis_and_images_without_one() -> None:
     run = finished_run()
     offsets = {"set/photo 0003.jpg": np.full(3, 20.0), "a": np.array([3.0, 0.1, 0.0]), "b": np.zeros(3)}
-    known = gps_outcome(run, liar=3)
+    known = gps_outcome(run, outlier=3)
     run.gps = replace(known, offsets_m=offsets, without_position=["set/photo 0001.jpg"])
     table = SfmReport(run).table()
     assert "GPS residuals   RMS 2.12, 0.0707, 0 m (east, north, up)\n" in table
@@ -267,7 +267,7 @@ def test_points_stand_alone_in_their_file(tmp_path: Path) -> None:
 def test_the_origin_of_a_page_is_in_the_frame_of_the_positions(tmp_path: Path) -> None:
     run = finished_run()
     run.gps = replace(
-        gps_outcome(run, liar=3), origin=np.array([691_000.0, 5_334_000.0, 0.0]), geodetic=False
+        gps_outcome(run, outlier=3), origin=np.array([691_000.0, 5_334_000.0, 0.0]), geodetic=False
     )
     SfmReport(run, thumbnail).write(tmp_path)
     assert "with the origin at x_m 691000, y_m 5334000, z_m 0" in (tmp_path / "report.html").read_text()
@@ -277,7 +277,7 @@ def test_the_same_run_gives_the_same_files(tmp_path: Path) -> None:
     for folder, threads in (("a", 1), ("b", 2)):
         run = finished_run(left_out=(2,), options={"seed": 0, "threads": threads})
         run.seconds["features"] = float(threads)
-        run.gps = gps_outcome(run, liar=3)
+        run.gps = gps_outcome(run, outlier=3)
         SfmReport(run, thumbnail).write(tmp_path / folder)
     assert digests(tmp_path / "a") == digests(tmp_path / "b")
     assert len(digests(tmp_path / "a")) == len(FILES) - 2 + len([*MODEL, ORIGIN])

@@ -1,4 +1,4 @@
-"""The report and the table tell what the images cost, which sensor lies, and what is wrong with a stream."""
+"""The report and the table tell what the images cost, which sensor is wrong, and what a stream lacks."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def measured(seconds_tracking: float | None = None, warnings: tuple[str, ...] = 
     return SlamReport(SlamRun(drive, SlamSettings(), ("odometer", "imu"), result, 4, 2.0, False))
 
 
-def test_a_sensor_that_lies_is_named_with_how_often_and_how_much() -> None:
+def test_a_sensor_that_is_wrong_is_named_with_how_often_and_how_much() -> None:
     text = measured().table()
     assert "odometer disagrees with the images at 2 of 3 keyframes, by up to 8.0 σ" in text
     assert "imu disagrees" not in text

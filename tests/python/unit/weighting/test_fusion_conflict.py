@@ -53,7 +53,7 @@ def test_report_is_the_mahalanobis_distance_of_plain_numpy(name: str, declared: 
 
 
 @pytest.mark.parametrize(("name", "sigma"), [("odometer", 0.02), ("gyro", 0.003), ("gps", 0.02)])
-def test_distances_of_honest_sensors_follow_the_chi_square_distribution(name: str, sigma: float) -> None:
+def test_distances_of_correct_sensors_follow_the_chi_square_distribution(name: str, sigma: float) -> None:
     reports = []
     for seed in range(200):
         drive = make_drive(seed)
@@ -103,15 +103,15 @@ def test_a_standing_camera_says_nothing_of_an_odometer() -> None:
 def test_sentence_names_sensor_distance_unit_and_sigmas() -> None:
     drive = make_drive(1, noise_px=0.0)
     pose = refine_pose(drive.view, [], drive.truth).pose
-    liar = PoseConstraint(
+    faulty = PoseConstraint(
         "position", translation=drive.truth[:, 3] + [0, 0, 0.5], sensor_sigma=0.1, name="GPS"
     )
-    assert conflict(drive.view, liar, pose).describe() == (
+    assert conflict(drive.view, faulty, pose).describe() == (
         "GPS (σ = 0.1 m) disagrees with the images: 0.5 m apart, 4.3 σ"
     )
-    honest = PoseConstraint("position", translation=drive.truth[:, 3], name="GPS")
+    correct = PoseConstraint("position", translation=drive.truth[:, 3], name="GPS")
     assert (
-        conflict(drive.view, honest, pose)
+        conflict(drive.view, correct, pose)
         .describe()
         .startswith("GPS (taken as exact) agrees with the images")
     )

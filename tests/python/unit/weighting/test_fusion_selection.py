@@ -122,21 +122,21 @@ def test_a_good_sensor_makes_the_pose_better(name: str) -> None:
 def test_a_lying_sensor_is_reported_and_cannot_drive_out_the_inliers(method: str) -> None:
     for seed in range(10):
         drive = make_drive(seed)
-        liar = drive.odometer(0.0, factor=1.3, declared=0.02)
-        choice = select_weight(drive.view, liar, drive.truth, method)
+        faulty = drive.odometer(0.0, factor=1.3, declared=0.02)
+        choice = select_weight(drive.view, faulty, drive.truth, method)
         assert choice.conflict.conflicting
         assert "disagrees with the images" in choice.describe()
-        inliers = sweep_weights(drive.view, liar, [0.0, choice.weight], drive.truth).inliers
+        inliers = sweep_weights(drive.view, faulty, [0.0, choice.weight], drive.truth).inliers
         assert inliers[1] >= 0.9 * inliers[0]
-        honest = drive.odometer(0.0, declared=0.02)
-        assert not select_weight(drive.view, honest, drive.truth, method).conflict.conflicting
+        correct = drive.odometer(0.0, declared=0.02)
+        assert not select_weight(drive.view, correct, drive.truth, method).conflict.conflicting
 
 
 def test_cross_validation_gives_a_lying_sensor_little_weight() -> None:
     drives = [make_drive(seed) for seed in range(15)]
-    lies = [select_weight(d.view, d.odometer(0.0, factor=1.3), d.truth).weight for d in drives]
+    faulty = [select_weight(d.view, d.odometer(0.0, factor=1.3), d.truth).weight for d in drives]
     truths = [select_weight(d.view, d.odometer(0.0), d.truth).weight for d in drives]
-    assert np.median(lies) < 0.05 * np.median(truths)
+    assert np.median(faulty) < 0.05 * np.median(truths)
 
 
 @pytest.mark.parametrize("name", SENSORS)

@@ -26,8 +26,8 @@ SIGMA_M, SIGMA_RAD = 0.02, 0.002
 
 
 def odometer(drive: Drive, off_m: float = 0.0) -> PoseConstraint:
-    honest = drive.odometer(0.0, declared=SIGMA_M)
-    return replace(honest, distance=honest.distance + off_m)
+    correct = drive.odometer(0.0, declared=SIGMA_M)
+    return replace(correct, distance=correct.distance + off_m)
 
 
 @pytest.mark.parametrize("kind", ["odometer", "gyro", "gps"])

@@ -220,28 +220,28 @@ def test_fixes_that_are_off_for_a_while_are_told_by_their_neighbours(drift: tupl
     (chosen,) = choose(drift[0], group)
     assert chosen.conflict.conflicting
     assert chosen.conflict.alike_sigmas > 4
-    honest = choose(drift[0], gps(drift[1], 0.1))[0]
-    assert abs(honest.conflict.alike_sigmas) < 3
+    correct = choose(drift[0], gps(drift[1], 0.1))[0]
+    assert abs(correct.conflict.alike_sigmas) < 3
 
 
 def test_a_wrong_scale_of_an_odometer_is_told_by_its_mean(drift: tuple[Problem, Problem]) -> None:
     wrong = odometer(drift[1], 0.02)
     assert wrong.values is not None
     wrong.values *= 1.3
-    honest, lying = choose(drift[0], gps(drift[1], 0.1), wrong)
-    assert not honest.conflict.conflicting
-    assert is_recovered(honest, 0.1)
-    assert lying.conflict.conflicting
-    assert lying.conflict.bias_sigmas > 4
-    assert lying.sensor_sigma > 10 * 0.02
+    correct, faulty = choose(drift[0], gps(drift[1], 0.1), wrong)
+    assert not correct.conflict.conflicting
+    assert is_recovered(correct, 0.1)
+    assert faulty.conflict.conflicting
+    assert faulty.conflict.bias_sigmas > 4
+    assert faulty.sensor_sigma > 10 * 0.02
 
 
 @pytest.mark.parametrize("loss", ["huber", "cauchy", "tukey"])
-@pytest.mark.parametrize("liars", [1, 8])
-def test_members_that_lie_have_no_say_in_the_weight_of_a_robust_group(loss: str, liars: int) -> None:
+@pytest.mark.parametrize("wrong", [1, 8])
+def test_wrong_members_have_no_say_in_the_weight_of_a_robust_group(loss: str, wrong: int) -> None:
     truth = sfmcpp.circle_scene(40, 200, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=1)
     group = gps(truth, 0.3)
-    group.values[:liars, 0] += 8.0
+    group.values[:wrong, 0] += 8.0
     (squares,) = choose(truth, group)
     group.loss = loss
     (robust,) = choose(truth, group)
@@ -253,7 +253,7 @@ def test_members_that_lie_have_no_say_in_the_weight_of_a_robust_group(loss: str,
 
 
 @pytest.mark.parametrize("method", ["auto", "loo-approx", "l-curve"])
-def test_a_robust_group_of_honest_members_has_the_weight_of_squares(
+def test_a_robust_group_of_correct_members_has_the_weight_of_squares(
     drift: tuple[Problem, Problem], method: str
 ) -> None:
     weights = [

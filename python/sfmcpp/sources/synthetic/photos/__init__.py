@@ -43,8 +43,8 @@ def render_photos(
     noise: float = 2.0,
     exif_focal: bool = False,
     gps_sigma_m: float | None = None,
-    gps_lies: int = 0,
-    gps_lie_m: float = 20.0,
+    gps_outliers: int = 0,
+    gps_outlier_m: float = 20.0,
     suffix: str = ".jpg",
     seed: int = 0,
 ) -> Problem:
@@ -70,9 +70,9 @@ def render_photos(
         Whether the files tell the focal length.
     gps_sigma_m : float, optional
         Standard deviation of each coordinate of the positions that the files tell [m]; None: they tell none.
-    gps_lies : int
+    gps_outliers : int
         How many of these positions are wrong …
-    gps_lie_m : float
+    gps_outlier_m : float
         … by so much, in a direction of its own each [m].
     suffix : str
         ``".jpg"`` or ``".png"``.
@@ -84,7 +84,7 @@ def render_photos(
     Problem
         The truth: cameras and intrinsics (``"perspective"``), names and sizes of the images; no points. In
         ``metadata.extra``, ``"gps"`` (C, 3) holds the positions that the files tell, as metres east, north
-        and up of `WORLD_ORIGIN`, and ``"gps_lies"`` the names of the photos whose position is wrong.
+        and up of `WORLD_ORIGIN`, and ``"gps_outliers"`` the names of the photos whose position is wrong.
 
     Raises
     ------
@@ -99,9 +99,9 @@ def render_photos(
     require_count("num_images", num_images)
     require_seed(seed)
     require_not_negative("noise", noise)
-    if gps_sigma_m is None and gps_lies:
+    if gps_sigma_m is None and gps_outliers:
         raise InvalidArgument(
-            f"gps_lies = {gps_lies}: gps_sigma_m must be given, else files tell no position"
+            f"gps_outliers = {gps_outliers}: gps_sigma_m must be given, else files tell no position"
         )
     if suffix not in (".jpg", ".png"):
         raise InvalidArgument(f"suffix = {suffix!r}: must be .jpg or .png")
@@ -112,7 +112,7 @@ def render_photos(
     truth = _truth(place, geometry, [f"{k:04d}{suffix}" for k in range(num_images)])
     positions: list[tuple[float, float, float] | None] = [None] * num_images
     if gps_sigma_m is not None:
-        gps_metres = _positions(truth, gps_sigma_m, gps_lies, gps_lie_m, rng)
+        gps_metres = _positions(truth, gps_sigma_m, gps_outliers, gps_outlier_m, rng)
         positions = [(float(a), float(b), float(h)) for a, b, h in geodetic_of(gps_metres, WORLD_ORIGIN)]
     _write(
         place,
@@ -148,16 +148,16 @@ def _positions(
 ) -> FloatArray:
     """Positions (C, 3) with noise, some of them wrong; noted in the truth."""
     require_not_negative("gps_sigma_m", sigma_m)
-    require_positive("gps_lie_m", wrong_by_m)
-    require_count("gps_lies", num_wrong, 0)
+    require_positive("gps_outlier_m", wrong_by_m)
+    require_count("gps_outliers", num_wrong, 0)
     if num_wrong > truth.num_cameras:
-        raise InvalidArgument(f"gps_lies = {num_wrong}: there are {truth.num_cameras} photos")
+        raise InvalidArgument(f"gps_outliers = {num_wrong}: there are {truth.num_cameras} photos")
     found: FloatArray = truth.cameras[:, :, 3] + rng.normal(0, sigma_m, (truth.num_cameras, 3))
     wrong = np.sort(rng.choice(truth.num_cameras, num_wrong, replace=False))
     directions = rng.standard_normal((num_wrong, 3))
     found[wrong] += wrong_by_m * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     truth.metadata.extra["gps"] = found
-    truth.metadata.extra["gps_lies"] = [truth.metadata.image_names[k] for k in wrong]
+    truth.metadata.extra["gps_outliers"] = [truth.metadata.image_names[k] for k in wrong]
     return found
 
 

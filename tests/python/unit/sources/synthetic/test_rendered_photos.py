@@ -121,7 +121,7 @@ def test_the_files_tell_focal_length_and_place(tmp_path: Path) -> None:
         focal_px=151.3,
         exif_focal=True,
         gps_sigma_m=1.0,
-        gps_lies=2,
+        gps_outliers=2,
         suffix=".png",
     )
     photos = open_photos(tmp_path).photos
@@ -130,9 +130,9 @@ def test_the_files_tell_focal_length_and_place(tmp_path: Path) -> None:
     told = east_north_up(np.array([photo.position for photo in photos]), WORLD_ORIGIN)
     assert np.allclose(told, truth.metadata.extra["gps"], atol=0.01)
     off = np.linalg.norm(told - truth.cameras[:, :, 3], axis=1)
-    lies = [name in truth.metadata.extra["gps_lies"] for name in truth.metadata.image_names]
-    assert sum(lies) == 2
-    assert ((off > 10) == lies).all()
+    wrong = [name in truth.metadata.extra["gps_outliers"] for name in truth.metadata.image_names]
+    assert sum(wrong) == 2
+    assert ((off > 10) == wrong).all()
 
 
 def test_all_photos_are_one_where_they_should_be(tmp_path: Path) -> None:
@@ -157,8 +157,8 @@ def test_photos_of_a_place_show_something_and_differ(name: str, tmp_path: Path) 
         {"num_images": 0},
         {"suffix": ".gif"},
         {"noise": -1},
-        {"gps_sigma_m": 1, "gps_lies": 9},
-        {"gps_lies": 1},
+        {"gps_sigma_m": 1, "gps_outliers": 9},
+        {"gps_outliers": 1},
         {"focal_px": 0.0},
         {"seed": -1},
     ],

@@ -91,9 +91,9 @@ def test_bars_of_tracks_and_images_tell_the_counts() -> None:
     assert f"set/photo 0003.jpg: {error:.3f} px, {count:,} observations" in told
 
 
-def test_positions_that_lie_stand_out() -> None:
+def test_wrong_positions_stand_out() -> None:
     run = finished_run()
-    run.gps = gps_outcome(run, liar=3)
+    run.gps = gps_outcome(run, outlier=3)
     page = sfm_page(SfmReport(run))
     marked = re.findall(r'<rect class="bar marked"[^>]*><title>(.*?)</title>', page)
     assert marked == ["set/photo 0003.jpg: 20 m"]
@@ -149,7 +149,7 @@ def test_a_browser_shows_the_summary_first(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("width", "height"), [(360, 740), (420, 900), (900, 420), (1400, 900)])
 def test_no_table_is_wider_than_its_box(tmp_path: Path, width: int, height: int) -> None:
     run = finished_run(left_out=(2,))
-    run.gps = gps_outcome(run, liar=3)
+    run.gps = gps_outcome(run, outlier=3)
     path = tmp_path / "report.html"
     path.write_text(sfm_page(SfmReport(run), thumbnails(run)))
     with opened_at(path.as_uri(), tmp_path, width, height) as ask:

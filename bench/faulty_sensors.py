@@ -1,6 +1,7 @@
 """Faulty sensors against the camera alone: what a bias, slip, clock or mounting costs, and if it is named.
 
-    python bench/liars.py [--drives 0001 0036:1/2 …] [--faults "bias 5" …] [--seeds N] [--slam …] [--out FILE]
+    python bench/faulty_sensors.py [--drives 0001 0036:1/2 …] [--faults "bias 5" …] [--seeds N] [--slam …]
+                                   [--out FILE]
 
 A part of a drive is `number:k/n`; by default these are eight parts of the drives for tuning, of some hundred
 frames each. A line for each fault: median and worst of `over none` of bench/drives.py, where the worst was,

@@ -1,4 +1,4 @@
-"""A sensor that lies for a while gets small weights there, is named, and does little harm."""
+"""A sensor that is wrong for a while gets small weights there, is named, and does little harm."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from winding import AT_CAMERA, winding
 
 # The map takes its scale from the odometer in the five seconds before.
 LIE_S = (5.0, 8.8)
-# What a sensor is given while it lies is gone from a run that is begun again.
+# What a sensor is given while it is wrong is gone from a run that is begun again.
 ONCE = SlamSettings(hindsight=False)
 
 
-def lying(stream: SensorStream, factor: float = 1.0, yaw_rad_s: float = 0.0) -> SensorStream:
+def faulty(stream: SensorStream, factor: float = 1.0, yaw_rad_s: float = 0.0) -> SensorStream:
     values = stream.values.copy()
     during = (stream.t_s >= LIE_S[0]) & (stream.t_s < LIE_S[1])
     values[during] *= factor
@@ -31,7 +31,7 @@ def lying(stream: SensorStream, factor: float = 1.0, yaw_rad_s: float = 0.0) -> 
 
 
 def during(result: SlamResult, name: str, what: str) -> list[float]:
-    """Weights or conflicts of a sensor at the keyframes whose interval lies within the lie."""
+    """Weights or conflicts of a sensor at the keyframes whose interval lies within the fault."""
     times = [record.t_s for record in result.records]
     within = [
         record
@@ -44,30 +44,30 @@ def during(result: SlamResult, name: str, what: str) -> list[float]:
 @pytest.mark.parametrize("factor", [1.3, 0.7])
 def test_an_odometer_that_leaps_is_carried_by_inertia_until_it_leaps_back(factor: float) -> None:
     drive = winding()
-    wrong = Odometer(lying(drive.odometer, factor))
-    alone, honest, liar = (
+    wrong = Odometer(faulty(drive.odometer, factor))
+    alone, correct, disturbed = (
         run_slam(drive.sequence, sensors=sensors) for sensors in ([], [Odometer(drive.odometer)], [wrong])
     )
-    assert len(during(liar, "odometer", "weights")) >= 3
-    assert min(during(liar, "odometer", "weights")) > 0
+    assert len(during(disturbed, "odometer", "weights")) >= 3
+    assert min(during(disturbed, "odometer", "weights")) > 0
     # What inertia says is less certain.
-    assert max(during(liar, "odometer", "weights")) < max(during(honest, "odometer", "weights"))
-    assert honest.warnings == []
-    (told,) = liar.warnings
+    assert max(during(disturbed, "odometer", "weights")) < max(during(correct, "odometer", "weights"))
+    assert correct.warnings == []
+    (told,) = disturbed.warnings
     assert "'odometer'" in told
     assert "jumps" in told
     assert "inertia" in told
-    assert drive.errors(liar)[0] < 1.2 * drive.errors(alone)[0]
-    assert drive.length_ratio(liar) == pytest.approx(1, abs=0.05)
+    assert drive.errors(disturbed)[0] < 1.2 * drive.errors(alone)[0]
+    assert drive.length_ratio(disturbed) == pytest.approx(1, abs=0.05)
 
 
 def test_an_odometer_that_leaps_and_never_back_has_no_weight() -> None:
     drive = winding()
     values = np.where(drive.odometer.t_s[:, None] < LIE_S[0], 1.0, 1.3) * drive.odometer.values
-    liar = run_slam(drive.sequence, sensors=[Odometer(replace(drive.odometer, values=values))])
-    assert len(during(liar, "odometer", "weights")) >= 3
-    assert set(during(liar, "odometer", "weights")) == {0.0}
-    assert "gets no weight" in liar.warnings[0]
+    disturbed = run_slam(drive.sequence, sensors=[Odometer(replace(drive.odometer, values=values))])
+    assert len(during(disturbed, "odometer", "weights")) >= 3
+    assert set(during(disturbed, "odometer", "weights")) == {0.0}
+    assert "gets no weight" in disturbed.warnings[0]
 
 
 @pytest.mark.parametrize("since_s", [-1.0, 5.0])
@@ -95,16 +95,20 @@ def test_many_jumps_of_a_speed_are_one_sentence() -> None:
     assert re.search(r"in \d\d stretches, first", told.result.warnings[0])
 
 
-def test_a_gyro_that_lies_is_in_conflict_and_its_weight_falls() -> None:
+def test_a_faulty_gyro_is_in_conflict_and_its_weight_falls() -> None:
     drive = winding()
-    lie = lying(drive.gyro, yaw_rad_s=float(np.radians(5)))
-    sensors: list[list[MotionSensor]] = [[], [Gyroscope(drive.gyro, AT_CAMERA)], [Gyroscope(lie, AT_CAMERA)]]
-    alone, honest, liar = (run_slam(drive.sequence, ONCE, given) for given in sensors)
-    assert np.median(during(liar, "gyro", "conflicts")) > CONFLICT_SIGMAS
-    assert np.median(during(honest, "gyro", "conflicts")) < CONFLICT_SIGMAS
-    honest_weight = np.median(during(honest, "gyro", "weights"))
-    assert np.median(during(liar, "gyro", "weights")) < 0.5 * honest_weight
-    assert drive.errors(liar)[0] < 1.2 * drive.errors(alone)[0]
+    wrong = faulty(drive.gyro, yaw_rad_s=float(np.radians(5)))
+    sensors: list[list[MotionSensor]] = [
+        [],
+        [Gyroscope(drive.gyro, AT_CAMERA)],
+        [Gyroscope(wrong, AT_CAMERA)],
+    ]
+    alone, correct, disturbed = (run_slam(drive.sequence, ONCE, given) for given in sensors)
+    assert np.median(during(disturbed, "gyro", "conflicts")) > CONFLICT_SIGMAS
+    assert np.median(during(correct, "gyro", "conflicts")) < CONFLICT_SIGMAS
+    correct_weight = np.median(during(correct, "gyro", "weights"))
+    assert np.median(during(disturbed, "gyro", "weights")) < 0.5 * correct_weight
+    assert drive.errors(disturbed)[0] < 1.2 * drive.errors(alone)[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -112,23 +116,23 @@ def test_a_gyro_with_a_bias_is_corrected_and_told(seed: int) -> None:
     """Before the start already: a turn that is off by degrees would be that of the map."""
     drive = winding(seed=seed)
     biased = replace(drive.gyro, values=drive.gyro.values + np.radians([0.0, 5.0, 0.0]))
-    honest, mended = (
+    correct, mended = (
         run_slam(drive.sequence, sensors=[Gyroscope(stream, AT_CAMERA)]) for stream in (drive.gyro, biased)
     )
-    assert honest.warnings == []
-    assert len(mended.poses) == len(honest.poses)
+    assert correct.warnings == []
+    assert len(mended.poses) == len(correct.poses)
     told, begun_again = mended.warnings
     assert "begun again" in begun_again
     assert re.fullmatch(r"gyro: a bias of (4\.[5-9]|5\.[0-4])°/s is removed from its rates", told)
-    assert drive.errors(mended)[1] < drive.errors(honest)[1] + np.radians(1.0)
+    assert drive.errors(mended)[1] < drive.errors(correct)[1] + np.radians(1.0)
     plain = run_slam(drive.sequence, SlamSettings(weight_bounds="none"), [Gyroscope(biased, AT_CAMERA)])
     assert not any("bias" in warning for warning in plain.warnings)
 
 
 def test_a_run_that_finds_a_sensor_wrong_for_a_while_is_begun_again_without_it_there() -> None:
     drive = winding()
-    lie = Gyroscope(lying(drive.gyro, yaw_rad_s=float(np.radians(15))), AT_CAMERA)
-    once, again = (run_slam(drive.sequence, settings, [lie]) for settings in (ONCE, SlamSettings()))
+    wrong = Gyroscope(faulty(drive.gyro, yaw_rad_s=float(np.radians(15))), AT_CAMERA)
+    once, again = (run_slam(drive.sequence, settings, [wrong]) for settings in (ONCE, SlamSettings()))
     assert again.warnings == [*once.warnings, "the run was begun again without what was wrong"]
     assert len(during(once, "gyro", "weights")) >= 3
     assert during(again, "gyro", "weights") == []
@@ -139,7 +143,7 @@ def test_a_run_that_finds_a_sensor_wrong_for_a_while_is_begun_again_without_it_t
     assert all("gyro" in record.weights for record in [*before, *after])
 
 
-def test_an_honest_run_is_not_begun_again() -> None:
+def test_a_correct_run_is_not_begun_again() -> None:
     drive = winding()
     sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
     once, again = (run_slam(drive.sequence, settings, sensors) for settings in (ONCE, SlamSettings()))
@@ -217,7 +221,7 @@ def test_a_wrong_mounting_does_not_cost_the_odometer(turned_deg: float) -> None:
 def test_what_is_wrong_beside_a_wrong_mounting_is_taken_away_by_a_second_restart() -> None:
     drive = winding()
     odometer = on_a_turned_camera(drive.odometer, 20.0)
-    gyro = Gyroscope(lying(drive.gyro, yaw_rad_s=float(np.radians(15))), AT_CAMERA)
+    gyro = Gyroscope(faulty(drive.gyro, yaw_rad_s=float(np.radians(15))), AT_CAMERA)
     result = run_slam(drive.sequence, sensors=[odometer, gyro])
     assert "check the declared mounting" in result.warnings[0]
     assert result.warnings[-1] == "the run was begun again without what was wrong"
