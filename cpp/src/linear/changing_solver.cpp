@@ -4,7 +4,6 @@
 // is by counts at reference rates, and hence the same on every rank, for every run and number of
 // threads.
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "sfmcpp/linear/linear_solver.hpp"
@@ -56,8 +55,8 @@ class ChangingSolver final : public LinearSolver {
   void make() {
     LinearSolverOptions options = options_;
     if (choice_.kind == LinearSolverKind::kIterative) {
-      const double cut = iterations_worth_another_solver();
-      if (cut < options.pcg_max_iterations) options.pcg_max_iterations = static_cast<int>(cut);
+      options.pcg_max_iterations =
+          std::min(options.pcg_max_iterations, iterations_worth_another_solver());
     }
     has_factors_ = false;
     solver_ = make_as_chosen(normal_, options, choice_);
@@ -75,16 +74,12 @@ class ChangingSolver final : public LinearSolver {
                : dense;
   }
 
-  double iterations_worth_another_solver() const {
+  int iterations_worth_another_solver() const {
     const SolverForecast direct = best_direct();
-    if (direct.bytes > choice_.budget_bytes) return std::numeric_limits<double>::infinity();
-    SolverForecast one = forecast_iterative(choice_.counts, choice_.with_blocks), none = one;
-    one.iterations = 1.0;
-    none.iterations = 0.0;
-    const double iteration = reference_seconds(one) - reference_seconds(none);
-    return std::max<double>(
-        kLeastIterations,
-        std::ceil((kPatience * reference_seconds(direct) - reference_seconds(none)) / iteration));
+    if (direct.bytes > choice_.budget_bytes) return std::numeric_limits<int>::max();
+    return std::max(kLeastIterations,
+                    iterations_within(forecast_iterative(choice_.counts, choice_.with_blocks),
+                                      kPatience * reference_seconds(direct)));
   }
 
   bool is_worthwhile(int iterations) const {

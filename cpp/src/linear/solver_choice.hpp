@@ -10,6 +10,9 @@ inline constexpr double kAlwaysDense = 300;
 
 // What forecasts are compared by: the same on every machine.
 double reference_seconds(const SolverForecast& forecast);
+// Iterations of conjugate gradients that an iterative solver may take within so many of these
+// seconds; negative: none, and not without any.
+int iterations_within(SolverForecast iterative, double seconds);
 
 // For normal equations that exist: no further memory is to be counted.
 SolverQuestion question_of(const NormalEquations& normal);

@@ -53,19 +53,34 @@ TEST(SolverChoice, IsSparseForALongCorridor) {
   EXPECT_EQ(Structure(corridor(1000)).choose().kind, LinearSolverKind::kSparse);
 }
 
-TEST(SolverChoice, IsIterativeForManyCamerasOfWhichAnyTwoMayMeet) {
-  // Forty cameras a point, drawn from all.
-  std::vector<int> all(3000), cameras, points;
+// Each point is seen by so many cameras, drawn from all.
+Structure collection(int cameras, int points, int seen_by) {
+  std::vector<int> all(cameras), camera, point;
   std::iota(all.begin(), all.end(), 0);
   std::mt19937 random(1);
-  for (int p = 0; p < 3000; ++p) {
+  for (int p = 0; p < points; ++p) {
     std::shuffle(all.begin(), all.end(), random);
-    cameras.insert(cameras.end(), all.begin(), all.begin() + 40);
-    points.insert(points.end(), 40, p);
+    camera.insert(camera.end(), all.begin(), all.begin() + seen_by);
+    point.insert(point.end(), seen_by, p);
   }
-  Structure structure({.cameras = 3000, .points = 1, .camera_size = 9});
-  structure.graph = make_observation_graph(3000, 3000, cameras, points);
-  EXPECT_EQ(structure.choose().kind, LinearSolverKind::kIterative);
+  Structure structure({.cameras = cameras, .points = 1, .camera_size = 9});
+  structure.graph = make_observation_graph(cameras, points, camera, point);
+  return structure;
+}
+
+TEST(SolverChoice, IsIterativeForManyCamerasOfWhichAnyTwoMayMeet) {
+  EXPECT_EQ(collection(3000, 3000, 40).choose().kind, LinearSolverKind::kIterative);
+}
+
+TEST(SolverChoice, IsIterativeForSomeHundredPhotosOfOnePlaceWhichTakeFewIterations) {
+  const LinearSolverChoice choice = collection(200, 10000, 5).choose();
+  EXPECT_EQ(choice.kind, LinearSolverKind::kIterative);
+  EXPECT_TRUE(choice.with_blocks);
+  EXPECT_LT(choice.counts.expected_iterations, 20);
+  EXPECT_EQ(
+      std::ranges::count(choice.forecasts, LinearSolverKind::kIterative, &SolverForecast::kind), 2);
+  EXPECT_EQ(collection(50, 2500, 5).choose().kind, LinearSolverKind::kDense);
+  EXPECT_NE(Structure(corridor(200)).choose().kind, LinearSolverKind::kIterative);
 }
 
 TEST(SolverChoice, ReasonGivesTimeAndMemoryOfEverySolverConsidered) {

@@ -64,6 +64,15 @@ inline double amount_of(const Works& works, Work work) {
   return works[static_cast<std::size_t>(work)];
 }
 
+// Iterations that a step is expected to take with clusters, before any has been taken; later those
+// of the last step are the better estimate (Iteration::linear_solver_iterations). The first three
+// steps on a city of 3,000 cameras take 84 in the mean, the first four on one of 10,000 take 135,
+// the first eight on 1,000 photos 37.
+inline constexpr double kExpectedIterations = 100;
+// The fewest: where all cameras see all points; steps on the spheres of bench/choice.py take one to
+// three.
+inline constexpr double kFewestIterations = 3;
+
 // Over the points of all ranks.
 struct SolverCounts {
   double cameras = 0.0;
@@ -80,6 +89,8 @@ struct SolverCounts {
   double factor_flops = 0.0;
   double factor_entries = 0.0;
   double factor_bytes = 0.0;  // as stored
+  // Of conjugate gradients in a step, at most; fewer where each point is seen by many cameras.
+  double expected_iterations = kExpectedIterations;
 };
 
 // Sets the numbers of the sparse factor to bounds that no order of elimination is below: with E
@@ -96,12 +107,6 @@ struct IterativeCounts {
 IterativeCounts count_from_jacobian(const SolverCounts& counts);
 // With S in blocks.
 IterativeCounts count_with_blocks(const SolverCounts& counts);
-
-// Iterations that a step is expected to take with clusters, before any has been taken; later those
-// of the last step are the better estimate (Iteration::linear_solver_iterations). The first three
-// steps on a city of 3,000 cameras take 84 in the mean, the first four on one of 10,000 take 135,
-// the first eight on 1,000 photos 37.
-inline constexpr double kExpectedIterations = 100;
 
 struct SolverForecast {
   LinearSolverKind kind{};

@@ -1,0 +1,94 @@
+#include "sfmcpp/linear/covisibility.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Dense>
+
+namespace sfmcpp::linear {
+namespace {
+
+using Eigen::MatrixXd, Eigen::VectorXd;
+
+// Steps after which the gap of a wide walk no longer changes; of narrow ones, any bound will do.
+constexpr int kSteps = 8;
+constexpr double kInvariant = 1e-9;  // a vector of this length is rounding
+constexpr double kGoldenAngle = 2.399963229728653;
+
+// D^(−1/2) A T⁻¹ Aᵀ D^(−1/2) of the incidences A, with the observations D of each camera and T of
+// each point. Its largest eigenvalue is 1, of the vector √D.
+class Walk {
+ public:
+  Walk(const ObservationGraph& graph, Exchange& exchange)
+      : graph_(graph), exchange_(exchange), at_point_(graph.num_points) {
+    root_ = Eigen::Map<const VectorXd>(graph.of_camera_on_all_ranks.data(), graph.num_cameras)
+                .cwiseSqrt();
+    inverse_root_ = (root_.array() > 0.0).select(root_.cwiseInverse(), 0.0);
+  }
+
+  VectorXd stationary() const { return root_.normalized(); }
+
+  VectorXd operator*(const VectorXd& x) {
+    const VectorXd scaled = inverse_root_.cwiseProduct(x);
+    for (int p = 0; p < graph_.num_points; ++p) at_point_[p] = mean_at_point(p, scaled);
+    std::vector<CompensatedSum> sums(graph_.num_cameras);
+    for (int i = 0; i < graph_.num_cameras; ++i) {
+      for (int k = graph_.camera_begin[i]; k < graph_.camera_begin[i + 1]; ++k)
+        sums[i] += at_point_[graph_.point[k]];
+    }
+    exchange_.sum(std::span(sums));
+    VectorXd result(graph_.num_cameras);
+    round_sums(sums, std::span(result.data(), sums.size()));
+    return inverse_root_.cwiseProduct(result);
+  }
+
+ private:
+  double mean_at_point(int p, const VectorXd& x) const {
+    double sum = 0.0;
+    for (int k = graph_.point_begin[p]; k < graph_.point_begin[p + 1]; ++k)
+      sum += x[graph_.camera[graph_.of_point[k]]];
+    return sum / std::max(graph_.observations_of_point(p), 1);
+  }
+
+  const ObservationGraph& graph_;
+  Exchange& exchange_;
+  VectorXd root_, inverse_root_;
+  std::vector<double> at_point_;
+};
+
+// Takes off the parts along the first `count` columns.
+void orthogonalize(const MatrixXd& basis, int count, VectorXd& x) {
+  for (int k = 0; k < count; ++k) x -= basis.col(k).dot(x) * basis.col(k);
+}
+
+double largest_eigenvalue(const VectorXd& diagonal, const VectorXd& beside) {
+  Eigen::SelfAdjointEigenSolver<MatrixXd> solver;
+  solver.computeFromTridiagonal(diagonal, beside, Eigen::EigenvaluesOnly);
+  return solver.eigenvalues().maxCoeff();
+}
+
+}  // namespace
+
+double covisibility_gap(const ObservationGraph& graph, Exchange& exchange, double least) {
+  Walk walk(graph, exchange);
+  MatrixXd basis(graph.num_cameras, kSteps + 1);
+  basis.col(0) = walk.stationary();
+  VectorXd x(graph.num_cameras), diagonal(kSteps), beside(kSteps);
+  for (int i = 0; i < graph.num_cameras; ++i)
+    x[i] = basis(i, 0) * std::cos(kGoldenAngle * static_cast<double>(i));
+  double gap = 1.0;
+  for (int k = 0; k < kSteps && gap >= least; ++k) {
+    orthogonalize(basis, k + 1, x);
+    const double length = x.norm();
+    if (!(length > kInvariant)) break;
+    if (k > 0) beside[k - 1] = length;
+    basis.col(k + 1) = x / length;
+    x = walk * basis.col(k + 1);
+    diagonal[k] = basis.col(k + 1).dot(x);
+    gap = 1.0 - largest_eigenvalue(diagonal.head(k + 1), beside.head(k));
+  }
+  return std::clamp(gap, 0.0, 1.0);
+}
+
+}  // namespace sfmcpp::linear
