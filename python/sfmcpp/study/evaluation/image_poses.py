@@ -21,6 +21,7 @@ from sfmcpp.model.checks import is_rotation
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.number_text import number_of
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 
 # Formats without names of images; their .txt is a trajectory's too.
@@ -285,9 +286,8 @@ def match_with_trajectory(
 
 def _rows_by_time(stems: list[str], truth: Trajectory, limit_s: float) -> Rows | None:
     """Row of the truth of each image, -1 for none; None if no name is the time of a pose."""
-    try:
-        numbers = np.array([float(stem) for stem in stems])
-    except ValueError:
+    numbers = np.array([number_of(stem) for stem in stems])
+    if not np.isfinite(numbers).all():
         return None
     if all(stem.isdigit() for stem in stems) and numbers.max() < _FRAMES:
         return None

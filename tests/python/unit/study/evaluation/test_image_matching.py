@@ -97,6 +97,17 @@ def test_frame_numbers_are_not_taken_for_the_seconds_of_a_truth_with_times() -> 
     assert (found.matched_by, found.truth_rows.tolist()) == ("frame number", [0, 1, 2])
 
 
+@pytest.mark.parametrize("stem", ["0_{}", "nan", "inf"])
+def test_words_that_python_takes_for_numbers_are_no_times(stem: str) -> None:
+    """Image 0_20 was taken for the one at 20 s."""
+    truth = drive(40)
+    names = [f"{stem.format(number)}/{stem.format(number)}.png" for number in range(3)]
+    if "{}" not in stem:
+        names = [f"{stem}.png", "1.5.png"]
+    with pytest.raises(InvalidArgument, match=r"40 poses cannot be told to belong to"):
+        match_with_trajectory(images(*names), truth)
+
+
 @pytest.mark.parametrize("names", [("a.png", "b.png"), ("0.png", "700.png")])
 def test_names_that_tell_no_pose_are_refused(names: tuple[str, ...]) -> None:
     with pytest.raises(InvalidArgument, match=r"6 poses cannot be told to belong to 2 images such as"):
