@@ -58,6 +58,7 @@ _DEVIATES = (
     "the position of {} is {:.3g} m from its image, {:.1f} standard deviations of what is left there: it is "
     "kept, but probably wrong, and the model follows it"
 )
+BLIND = "the position of {} is not used: its image sees no point, which leaves open where the image is"
 NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
 _UNREAD = (
     "the columns {} of the positions are not read: standard deviations are in sigma_x, sigma_y, sigma_z, in "
