@@ -289,7 +289,9 @@ class _Georeferencing:
         return [
             *(NO_FIX.format(name) for k, name in enumerate(self._names) if no_fix is not None and no_fix[k]),
             *(BLIND.format(name) for name in self._blind),
-            *warnings_of_all(self._problem.cameras, centres, self._stated, fit.sigma_m, self._seed),
+            *warnings_of_all(
+                self._problem.cameras, centres, self._stated, self._of_positions, fit.sigma_m, self._seed
+            ),
             *(UNCHECKED.format(name) for name in self._named(unchecked)),
             *disagreement_warning(self._named(~fit.agrees), len(self._images)),
             *deviation_warning(model, fit.apart[fit.used], weights[fit.used], self._named(fit.used)),
