@@ -367,8 +367,8 @@ def _sigmas_of_result(
     """Images that see points, σ of their centres (n, 3) [m], and of intrinsics (G, k) unless many."""
     images, examples = np.flatnonzero(_see_points(problem)), an_image_of_each(problem)
     spread = images[np.linspace(0, len(images) - 1, min(len(images), _JUDGED)).astype(np.int32)]
-    judged = np.union1d(spread, examples) if len(examples) <= _JUDGED else spread
-    judged = judged.astype(np.int32)
+    some = np.union1d(spread, examples) if len(examples) <= _JUDGED else spread
+    judged: NDArray[np.int32] = some.astype(np.int32)
     covariances = model.covariance(cameras=judged).cameras * pixel_variance(model)
     intrinsics = None
     if len(examples) <= _JUDGED:
