@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path, PurePath, PureWindowsPath
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,8 +193,8 @@ def _rows_by_image(
 def match_names(images: Iterable[str], table: Iterable[str]) -> dict[str, str]:
     """Find for each image the name that a table has for it.
 
-    It is the same; else it may have more or fewer folders in front, and a suffix of another case or none, if
-    it is the only one like it.
+    It is the same; else it may have more or fewer folders in front, a suffix of another case or none, and
+    letters with accents in another form of Unicode, if it is the only one like it.
 
     Parameters
     ----------
@@ -255,7 +256,8 @@ def _require_single(image: str, name: str, found: dict[str, str], users: dict[st
 
 
 def _name_parts(name: str) -> tuple[str, ...]:
-    """Folders and file, the suffix in lower case; names may come from Windows."""
+    """Folders and file, the suffix in lower case; names may be from Windows, or macOS with é in two parts."""
+    name = normalize("NFC", name)
     *folders, file = PureWindowsPath(name).parts or (name,)
     path = PurePath(file)
     return (*folders, path.stem + path.suffix.lower())

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path, PurePosixPath
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,8 @@ _SHOWN = 3
 Rows = NDArray[np.int64]
 _KEYS: dict[str, Callable[[str], str]] = {
     "name": str,
-    "file name": lambda name: PurePosixPath(name).name,
-    "stem": lambda name: PurePosixPath(name).stem.lower(),
+    "file name": lambda name: normalize("NFC", PurePosixPath(name).name),
+    "stem": lambda name: normalize("NFC", PurePosixPath(name).stem.lower()),
 }
 
 

@@ -30,6 +30,14 @@ def test_names_may_lack_their_suffix() -> None:
     assert match_names(images, ["3.jpg", "2"]) == {"3.JPG": "3.jpg"}
 
 
+def test_letters_with_accents_may_be_in_either_form_of_unicode() -> None:
+    """Folders of macOS have them apart; what looks the same was said to be the name of no image."""
+    together, apart = "fl\u00fcge/\u00e9t\u00e9 1.jpg", "flu\u0308ge/e\u0301te\u0301 1.jpg"
+    assert match_names([apart], [together]) == {apart: together}
+    assert match_names([together], [apart]) == {together: apart}
+    assert match_names([together, apart], [apart, together]) == {together: together, apart: apart}
+
+
 def test_images_that_are_called_the_same_are_refused_where_a_table_has_them() -> None:
     """Both got the position of the one."""
     for table in (["1.jpg"], ["sd/1.JPG"], ["1"]):

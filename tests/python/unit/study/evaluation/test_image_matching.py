@@ -29,6 +29,8 @@ def images(*names: str) -> ImagePoses:
         (("x/B.JPG", "x/A.JPG"), ("a.png", "b.png"), "stem"),
         # Names that only differ by their folder tell which is which; those of the files do not.
         (("left/b.jpg", "left/a.jpg", "right/a.jpg"), ("left/a.jpg", "left/b.jpg"), "name"),
+        # Letters with accents are the same in either form of Unicode.
+        (("\u00e9.jpg", "b.jpg"), ("b.jpg", "e\u0301.jpg"), "file name"),
         # One image has the same whole name, but all have the same stems.
         (("b.jpg", "a.png"), ("a.jpg", "b.jpg"), "stem"),
     ],
