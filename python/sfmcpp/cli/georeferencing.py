@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -42,7 +43,10 @@ class Gps:
 
     def check_fits(self, target: Path | None, problem: Problem) -> None:
         """Raise a DatasetError if the positions of a solved `problem` could not be written to `target`."""
-        if target is not None and self._given_positions is None:
+        if target is None:
+            return
+        _require_different_names(target, problem)
+        if self._given_positions is None:
             origin = WorldOrigin.of(problem.metadata)
             require_positions_format(target, geodetic=origin is not None and origin.geodetic)
 
@@ -101,13 +105,22 @@ def write_camera_positions(path: Path, problem: Problem, gps: GpsOutcome | None)
     Raises
     ------
     DatasetError
-        If the file cannot be written, or cannot hold them.
+        If the file cannot be written, or cannot hold them, as where images are called the same.
     """
+    _require_different_names(path, problem)
     given = None
     if gps is not None:
         offsets = {name: (x, y, z) for name, (x, y, z) in ((n, o.tolist()) for n, o in gps.offsets_m.items())}
         given = GivenPositions(gps.residuals_m, gps.outliers, offsets)
     write_positions(path, _camera_positions(problem, gps), given)
+
+
+def _require_different_names(path: Path, problem: Problem) -> None:
+    names = problem.metadata.image_names
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        reason = f"{names.count(twice)} images are called {twice!r}: a table of positions has a name once"
+        raise DatasetError(path, reason)
 
 
 def _camera_positions(problem: Problem, gps: GpsOutcome | None) -> NamedPositions:

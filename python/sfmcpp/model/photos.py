@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from string import digits
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,9 +85,9 @@ class Features:
 
 
 def words_and_numbers(name: str) -> list[tuple[int, str]]:
-    """Parts of a name: (number, "") where it has digits, (-1, text) elsewhere."""
+    """Parts of a name: (number, "") where it has the digits 0 to 9, (-1, text) elsewhere."""
     parts = re.findall(r"[0-9]+|[^0-9]+", name)
-    return [(int(part), "") if part[0].isdecimal() else (-1, part) for part in parts]
+    return [(int(part), "") if part[0] in digits else (-1, part) for part in parts]
 
 
 def natural_order(name: str) -> tuple[list[tuple[int, str]], str]:

@@ -29,6 +29,7 @@ from sfmcpp.sfm.adjustment import FINE, hold_of_few_images
 from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
 from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
 from sfmcpp.sfm.position_checks import (
+    BLIND,
     NO_FIX,
     UNCHECKED,
     deviation_warning,
@@ -238,7 +239,9 @@ class _Georeferencing:
 
     def __init__(self, problem: Problem, positions: Positions, names: list[str], seed: int) -> None:
         self._problem, self._positions, self._seed = problem, positions, seed
-        self._images = np.flatnonzero(positions.known)
+        sees = _see_points(problem)
+        self._images = np.flatnonzero(positions.known & sees)
+        self._blind = [names[image] for image in np.flatnonzero(positions.known & ~sees)]
         self._stated = positions.of(self._images)
         self._names, self._of_positions = names, [names[image] for image in self._images]
         _require_enough(self._stated.metres)
@@ -285,7 +288,10 @@ class _Georeferencing:
         unchecked = fit.agrees & unchecked_positions(centres, weights, fit.agrees)
         return [
             *(NO_FIX.format(name) for k, name in enumerate(self._names) if no_fix is not None and no_fix[k]),
-            *warnings_of_all(self._problem.cameras, centres, self._stated, fit.sigma_m, self._seed),
+            *(BLIND.format(name) for name in self._blind),
+            *warnings_of_all(
+                self._problem.cameras, centres, self._stated, self._of_positions, fit.sigma_m, self._seed
+            ),
             *(UNCHECKED.format(name) for name in self._named(unchecked)),
             *disagreement_warning(self._named(~fit.agrees), len(self._images)),
             *deviation_warning(model, fit.apart[fit.used], weights[fit.used], self._named(fit.used)),
@@ -309,6 +315,15 @@ class _Georeferencing:
             intrinsics_sigmas=intrinsics_sigmas,
             without_position=[self._names[image] for image in np.flatnonzero(~self._positions.known)],
         )
+
+
+def _see_points(problem: Problem) -> BoolArray:
+    """(C,) which cameras see a point, or one of their rigid frame does: what a solve places."""
+    sees = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
+    if problem.rigs is None:
+        return sees
+    frames = problem.rigs.frame_of_camera
+    return np.isin(frames, frames[sees])
 
 
 def _require_enough(metres: FloatArray) -> None:
@@ -349,13 +364,16 @@ def _adjust(
 def _sigmas_of_result(
     problem: Problem, model: LinearModel
 ) -> tuple[NDArray[np.int32], FloatArray, FloatArray | None]:
-    """Images all along, σ of their centres (n, 3) [m], and of intrinsics (G, k) unless too many."""
-    count, examples = problem.num_cameras, an_image_of_each(problem)
-    spread = np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32)
-    judged = np.union1d(spread, examples).astype(np.int32) if len(examples) <= _JUDGED else spread
+    """Images that see points, σ of their centres (n, 3) [m], and of intrinsics (G, k) unless many."""
+    images, examples = np.flatnonzero(_see_points(problem)), an_image_of_each(problem)
+    spread = images[np.linspace(0, len(images) - 1, min(len(images), _JUDGED)).astype(np.int32)]
+    some = np.union1d(spread, examples) if len(examples) <= _JUDGED else spread
+    judged: NDArray[np.int32] = some.astype(np.int32)
     covariances = model.covariance(cameras=judged).cameras * pixel_variance(model)
     intrinsics = None
     if len(examples) <= _JUDGED:
         of_examples = covariances[np.searchsorted(judged, examples)]
         intrinsics = intrinsics_sigmas_of(problem, model, of_examples)
-    return judged, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[:, 3:6]), intrinsics
+    placed = np.isin(judged, images)
+    sigmas_m = np.sqrt(np.diagonal(covariances[placed], axis1=1, axis2=2)[:, 3:6])
+    return judged[placed], sigmas_m, intrinsics

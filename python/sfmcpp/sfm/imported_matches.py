@@ -17,6 +17,7 @@ from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
 from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
+from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.colmap.database import read_database
 
 ImagePair = tuple[int, int]
@@ -50,7 +51,8 @@ def match_graph_of_arrays(
     sizes : (I, 2) array of int, optional
         Width and height of each image [px]. Default: all as large as the farthest keypoint of all asks for.
     names : sequence of str, optional
-        Of the images, all different. Default: their numbers, four digits at least.
+        Of the images, all different, and such that models can hold them: not empty, without line breaks or
+        white space at their ends. Default: their numbers, four digits at least.
     scales : sequence of (n,) array, optional
         Size of each keypoint (standard deviation of a blob) [px]; not a number where unknown, which is the
         default.
@@ -179,6 +181,9 @@ def _photos(
     if len(set(named)) < count:
         twice = next(name for name in named if named.count(name) > 1)
         raise InvalidArgument(f"names: {twice!r} is there more than once, must be different")
+    for name in named:
+        if (fault := fault_of_image_name(name)) is not None:
+            raise InvalidArgument(f"names: {name!r} {fault}")
     return [Photo(name, size=size) for name, size in zip(named, _sizes(features, sizes), strict=True)]
 
 

@@ -46,8 +46,11 @@ def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:
 
 
 def an_image_of_each(problem: Problem) -> IndexArray:
-    """First image of each row of intrinsics that has some."""
-    return np.unique(problem.intrinsics_index, return_index=True)[1].astype(np.int32)
+    """Number of an image of each row of intrinsics that has some: the first that sees something, if any."""
+    sees = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
+    seeing_first = np.argsort(~sees, kind="stable")
+    first = np.unique(problem.intrinsics_index[seeing_first], return_index=True)[1]
+    return seeing_first[first].astype(np.int32)
 
 
 def intrinsics_sigmas_of(problem: Problem, model: LinearModel, covariances: FloatArray) -> FloatArray:

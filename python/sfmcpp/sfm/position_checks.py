@@ -17,6 +17,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.photos import natural_order
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
@@ -58,6 +59,7 @@ _DEVIATES = (
     "the position of {} is {:.3g} m from its image, {:.1f} standard deviations of what is left there: it is "
     "kept, but probably wrong, and the model follows it"
 )
+BLIND = "the position of {} is not used: its image sees no point, which leaves open where the image is"
 NO_FIX = "the position of {} is at zero: left out, the receiver had no fix"
 _UNREAD = (
     "the columns {} of the positions are not read: standard deviations are in sigma_x, sigma_y, sigma_z, in "
@@ -227,6 +229,16 @@ def evidence_of_shifted_rows(centres: FloatArray, metres: FloatArray, *, seed: i
     return ""
 
 
+def _evidence_in_any_order(centres: FloatArray, metres: FloatArray, names: list[str], seed: int) -> str:
+    """Evidence of shifted rows in the order of the cameras, or in that of the names of their images."""
+    given = list(range(len(names)))
+    by_name = sorted(given, key=lambda k: natural_order(names[k]))
+    found = evidence_of_shifted_rows(centres, metres, seed=seed)
+    if found or by_name == given:
+        return found
+    return evidence_of_shifted_rows(centres[by_name], metres[by_name], seed=seed)
+
+
 def _most_distances(centres: FloatArray, metres: FloatArray, seed: int) -> float:
     """Distance that nine in ten positions are within."""
     return float(np.quantile(_distances(centres, metres, seed), _MOST))
@@ -247,7 +259,12 @@ def _distances(centres: FloatArray, metres: FloatArray, seed: int) -> FloatArray
 
 
 def warnings_of_all(
-    poses: FloatArray, centres: FloatArray, positions: Positions, sigma_m: float, seed: int
+    poses: FloatArray,
+    centres: FloatArray,
+    positions: Positions,
+    names: list[str],
+    sigma_m: float,
+    seed: int,
 ) -> list[str]:
     """Warn of what is wrong with positions as a whole.
 
@@ -259,6 +276,8 @@ def warnings_of_all(
         Of those that have `positions`.
     positions : Positions
         As stated.
+    names : list of n str
+        Of their images: tables may have them in this order, or in that of the cameras.
     sigma_m : float
         How they scatter, one coordinate [m].
     seed : int
@@ -270,7 +289,7 @@ def warnings_of_all(
         warnings += doubt_of_radians(positions.origin, metres)
     if swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed):
         warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
-    if shifted := evidence_of_shifted_rows(centres, metres, seed=seed):
+    if shifted := _evidence_in_any_order(centres, metres, names, seed):
         warnings.append(f"rows of the positions are those of other images: {shifted}")
     stated_m = positions.stated_sigma_m
     if stated_m is not None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path, PurePath, PureWindowsPath
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,40 +148,40 @@ def positions_of(names: list[str], known: NamedPositions) -> Positions:
         If no name is an image's, one may be that of several, there must be as many as images and are not,
         or a latitude is out of range.
     """
-    alike = _names_in_table(names, known)
-    table_names = [alike.get(name) for name in names]
+    table_names = _names_in_table(names, known)
     stated = None if known.sigmas is None else _rows_by_image(table_names, known.sigmas)
     found = local_positions(_rows_by_image(table_names, known.positions), known.geodetic, stated)
     return replace(found, unread=known.unread)
 
 
-def _names_in_table(names: list[str], known: NamedPositions) -> dict[str, str]:
-    """What the table calls each image that it has."""
-    if known.named_by == "photo number":
-        return match_photo_numbers(names, known.positions)
+def _names_in_table(names: list[str], known: NamedPositions) -> list[str | None]:
+    """What the table calls each image; None for those that it has not."""
     if known.named_by in ("index", "order"):
         return _numbers_in_table(names, known)
-    alike = match_names(names, known.positions)
+    if known.named_by == "photo number":
+        alike = match_photo_numbers(names, known.positions)
+        _require_different(names, alike)
+    else:
+        alike = match_names(names, known.positions)
     if not alike:
         listed, wanted = (", ".join(list(some)[:3]) for some in (known.positions, names))
         raise InvalidArgument(f"gps: none of its names ({listed}) is the name of an image ({wanted})")
-    return alike
+    return [alike.get(name) for name in names]
 
 
-def _numbers_in_table(names: list[str], known: NamedPositions) -> dict[str, str]:
-    numbered = {name: str(number) for number, name in enumerate(names)}
+def _numbers_in_table(names: list[str], known: NamedPositions) -> list[str | None]:
     if known.named_by == "order" and len(names) != len(known.positions):
         raise InvalidArgument(
             f"gps: {len(known.positions):,} positions for {len(names):,} images: without names there must be "
             "one for each, in their order, as RTKLIB writes for the triggers of a camera (_events.pos)"
         )
-    found = {name: number for name, number in numbered.items() if number in known.positions}
-    if not found:
+    numbers = [str(number) for number in range(len(names))]
+    if known.positions.keys().isdisjoint(numbers):
         listed = ", ".join(list(known.positions)[:3])
         raise InvalidArgument(
             f"gps: none of its numbers ({listed}) is below {len(names)}, that of the images"
         )
-    return found
+    return [number if number in known.positions else None for number in numbers]
 
 
 def _rows_by_image(
@@ -192,8 +193,8 @@ def _rows_by_image(
 def match_names(images: Iterable[str], table: Iterable[str]) -> dict[str, str]:
     """Find for each image the name that a table has for it.
 
-    It is the same; else it may have more or fewer folders in front, and a suffix of another case or none, if
-    it is the only one like it.
+    It is the same; else it may have more or fewer folders in front, a suffix of another case or none, and
+    letters with accents in another form of Unicode, if it is the only one like it.
 
     Parameters
     ----------
@@ -208,7 +209,8 @@ def match_names(images: Iterable[str], table: Iterable[str]) -> dict[str, str]:
     Raises
     ------
     InvalidArgument
-        If a name may be that of several images, or an image has several.
+        If a name may be that of several images, also of images that are called the same, or an image has
+        several.
     """
     table, images = set(table), list(images)
     found = {name: name for name in images if name in table}
@@ -221,7 +223,16 @@ def match_names(images: Iterable[str], table: Iterable[str]) -> dict[str, str]:
             for name in _similar_names(image, left):
                 _require_single(image, name, found, users)
                 found[image], users[name] = name, image
+    _require_different(images, found)
     return found
+
+
+def _require_different(images: Sequence[str], found: Mapping[str, str]) -> None:
+    """Raise InvalidArgument if several images have the same name, and a table has it, too."""
+    twice = next((image for image, count in Counter(images).items() if count > 1 and image in found), None)
+    if twice is not None:
+        count = images.count(twice)
+        raise InvalidArgument(f"gps: {count} images are called {twice!r}: their names must be different")
 
 
 def _similar_names(image: str, table: dict[str, list[str]]) -> Iterator[str]:
@@ -245,7 +256,8 @@ def _require_single(image: str, name: str, found: dict[str, str], users: dict[st
 
 
 def _name_parts(name: str) -> tuple[str, ...]:
-    """Folders and file, the suffix in lower case; names may come from Windows."""
+    """Folders and file, the suffix in lower case; names may be from Windows, or macOS with é in two parts."""
+    name = normalize("NFC", name)
     *folders, file = PureWindowsPath(name).parts or (name,)
     path = PurePath(file)
     return (*folders, path.stem + path.suffix.lower())

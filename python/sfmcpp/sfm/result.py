@@ -61,8 +61,8 @@ class GpsOutcome:
         Where positions came with standard deviations: their median [m], beside which `sigma_m` is what it
         turned out to be. The others are right or wrong by the same factor.
     sigmas_m : dict
-        Standard deviations (3,) of the centre of each image along the axes of the world, by name [m]; of many
-        images, of 300 all along.
+        Standard deviations (3,) of the centre of each image that sees points along the axes of the world, by
+        name [m]; of many images, of 300 all along.
     warnings : list of str
         What may be wrong with the positions as a whole, in sentences.
     intrinsics_sigmas : (G, n) float64 or None

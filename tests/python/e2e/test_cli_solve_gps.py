@@ -147,6 +147,19 @@ def test_a_problem_of_no_positions_becomes_no_geojson_and_no_other_file(tmp_path
     assert not (tmp_path / "own.geojson").exists()
 
 
+def test_a_table_of_positions_holds_no_images_that_are_called_the_same(tmp_path: Path) -> None:
+    """One of them was missing in the table, without a word."""
+    source, _ = scene(tmp_path, names=True)
+    problem = sfmcpp.read(source)
+    problem.metadata.image_names[3] = "IMG_004.jpg"
+    sfmcpp.write(problem, source)
+    for arguments in (("convert", source, tmp_path / "p.csv"), ("solve", source, "--positions-out", "p.csv")):
+        refused = run_here(*arguments, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert "p.csv: 2 images are called 'IMG_004.jpg'" in refused.stderr
+        assert not (tmp_path / "p.csv").exists()
+
+
 def test_positions_of_exif_are_those_of_a_folder_of_photos(tmp_path: Path) -> None:
     source, centres = scene(tmp_path, names=True)
     origin = np.array([46.5, 9.25, 800.0])

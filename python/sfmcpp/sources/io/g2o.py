@@ -281,9 +281,10 @@ def _covariances(text: NumberText, edges: Int64Array, information: FloatArray) -
 def write_g2o(problem: Problem, path: Path) -> None:
     """Write points, cameras, what of them is held, and observations with their information.
 
-    Intrinsics are named where all aspect ratios are 1, else each camera has its own; neither has a place for
-    distortion: pixels are where cameras without it would have seen them. Images whose names are identifiers
-    keep them, and so do points that were read; otherwise cameras are numbered from 0, and points behind them.
+    Intrinsics are named where all aspect ratios are 1 and observations tell whose they are, else each camera
+    has its own; neither has a place for distortion: pixels are where cameras without it would have seen them.
+    Images whose names are identifiers keep them, and so do points that were read; otherwise cameras are
+    numbered from 0, and points behind them.
 
     Raises
     ------
@@ -328,7 +329,7 @@ def _written_ids(problem: Problem) -> tuple[Int64Array, Int64Array]:
 
 def _chunks(problem: Problem, lenses: FloatArray) -> Iterator[bytes]:
     f, aspect, cx, cy = lenses.T
-    named, rows = bool((aspect == 1).all()), problem.intrinsics_index
+    named, rows = bool((aspect == 1).all()) and _observations_tell_lenses(problem), problem.intrinsics_index
     cameras, points = _written_ids(problem)
     seen_points, seen_cameras = points[problem.point_index], cameras[problem.camera_index]
     poses = (cameras, *problem.centres.T, *quaternion_from_rotation(problem.rotations)[:, [1, 2, 3, 0]].T)
@@ -345,6 +346,12 @@ def _chunks(problem: Problem, lenses: FloatArray) -> Iterator[bytes]:
         yield from _lines(_OF_NAMED_LENS, seen_points, seen_cameras, rows[problem.camera_index], *measured)
     else:
         yield from _lines(_OF_OWN_LENS, seen_points, seen_cameras, *measured)
+
+
+def _observations_tell_lenses(problem: Problem) -> bool:
+    """Whether lenses that observations name are told of all cameras; one that sees nothing has the first."""
+    seen = np.isin(np.arange(problem.num_cameras), problem.camera_index)
+    return not problem.intrinsics_index[~seen].any()
 
 
 def _lines(word: bytes, *columns: NDArray[Any]) -> Iterator[bytes]:

@@ -100,7 +100,7 @@ def _read_problem(path: Path) -> ImageTracks:
 
 def _tracks_of_problem(path: Path, problem: Problem) -> ImageTracks:
     metadata = problem.metadata
-    names = metadata.image_names or [f"image_{number:06d}" for number in range(problem.num_cameras)]
+    names = metadata.names(problem.num_cameras)  # those that a model of the same file would have
     centred = problem.camera_model == "bal" or metadata.source_format in _CENTRED
     sizes = metadata.image_sizes
     return _numbered_tracks(

@@ -62,7 +62,8 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     DatasetError
         If it cannot be read, the header or a column is missing, it holds no position, a unit is unknown, a
         cell is no number, a comma may be one of decimals or of thousands, a latitude or longitude is out of
-        its range, a standard deviation is not positive, or a name stands there twice.
+        its range, a standard deviation is not positive, an index is no whole number, or a name or index
+        stands there twice.
     """
     source = Path(path)
     lines = list(numbered_lines(source))
@@ -83,7 +84,7 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     for count, (number, cells) in enumerate(rows):
         if not any(cells[column.place] for column in columns.axes):
             continue
-        name = _name_of_line(columns, count, cells)
+        name = _name_of_line(source, number, columns, count, cells)
         if name in found:
             raise DatasetError(source, f"{name!r} stands there twice", number)
         found[name] = columns.position(source, number, cells)
@@ -125,7 +126,13 @@ def _positions_of_list(source: Path, lines: Sequence[NumberedLine]) -> NamedPosi
     return NamedPositions(found, geodetic, sigmas or None)
 
 
-def _name_of_line(columns: PositionColumns, count: int, cells: list[str]) -> str:
+def _name_of_line(source: Path, line: int, columns: PositionColumns, count: int, cells: list[str]) -> str:
     """The name of an image; else its number, from a column or the line."""
-    place = columns.index if columns.name is None else columns.name
-    return str(count) if place is None else cells[place]
+    if columns.name is not None:
+        return cells[columns.name]
+    if columns.index is None:
+        return str(count)
+    cell = cells[columns.index]
+    if not (cell.isascii() and cell.isdecimal()):
+        raise DatasetError(source, f"index is {cell!r}: must be the number of an image, from 0 on", line)
+    return str(int(cell))

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path, PurePosixPath
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from sfmcpp.model.checks import is_rotation
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.number_text import number_of
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 
 # Formats without names of images; their .txt is a trajectory's too.
@@ -35,8 +37,8 @@ _SHOWN = 3
 Rows = NDArray[np.int64]
 _KEYS: dict[str, Callable[[str], str]] = {
     "name": str,
-    "file name": lambda name: PurePosixPath(name).name,
-    "stem": lambda name: PurePosixPath(name).stem.lower(),
+    "file name": lambda name: normalize("NFC", PurePosixPath(name).name),
+    "stem": lambda name: normalize("NFC", PurePosixPath(name).stem.lower()),
 }
 
 
@@ -285,9 +287,8 @@ def match_with_trajectory(
 
 def _rows_by_time(stems: list[str], truth: Trajectory, limit_s: float) -> Rows | None:
     """Row of the truth of each image, -1 for none; None if no name is the time of a pose."""
-    try:
-        numbers = np.array([float(stem) for stem in stems])
-    except ValueError:
+    numbers = np.array([number_of(stem) for stem in stems])
+    if not np.isfinite(numbers).all():
         return None
     if all(stem.isdigit() for stem in stems) and numbers.max() < _FRAMES:
         return None

@@ -96,6 +96,7 @@ def test_scales_and_colours_are_kept() -> None:
         ({"sizes": [(10, 10), (10, 0), (1, 1)]}, r"sizes\[1\] = \[10\.0, 0\.0\]"),
         ({"names": ["a", "b"]}, "names: has 2 entries, must have 3"),
         ({"names": ["a", "b", "a"]}, "names: 'a' is there more than once"),
+        ({"names": ["a", "b", " c.jpg"]}, "names: ' c.jpg' must not be empty, start or end with white space"),
         ({"scales": [np.ones(60)] * 2}, "scales: has 2 entries, must have 3"),
         ({"scales": [np.ones(59)] * 3}, r"scales\[0\]: shape \(59,\)"),
         ({"colors": [np.full((60, 3), 256)] * 3}, r"colors\[0\]: must be from 0 to 255"),

@@ -64,6 +64,16 @@ def test_positions_of_the_next_image_are_doubted_and_the_shift_is_named(shift: i
     assert f"each fits the image {side} it" in text
 
 
+def test_a_shift_is_named_whatever_order_the_cameras_are_in() -> None:
+    """Tables go by name; cameras of an NVM file, and of a COLMAP model of other ids, are in another order."""
+    truth, random = strips(), np.random.default_rng(6)
+    truth.metadata.image_names = [f"IMG_{8 + k}.jpg" for k in range(truth.num_cameras)]
+    gps = np.roll(truth.centres, -1, axis=0) + random.normal(0, SIGMA_M, truth.centres.shape)
+    order = random.permutation(truth.num_cameras)
+    found = georeference(in_a_frame_of_its_own(truth.with_cameras(order), 2), gps[order]).outcome
+    assert any("each fits the image after it" in text for text in found.warnings)
+
+
 def test_a_shift_is_named_where_crossing_strips_hide_it() -> None:
     """Few positions are left out then: σ grows instead."""
     along, across = np.arange(6) * 12.0, np.arange(4) * 15.0

@@ -171,3 +171,14 @@ def test_different_intrinsics_of_one_camera_are_refused(tmp_path: Path) -> None:
     lines[-1] = lines[-1].replace("100 2 0 ", "100 2 1 ")
     with pytest.raises(DatasetError, match="name different intrinsics"):
         problem_of(tmp_path, lines)
+
+
+def test_cameras_that_see_nothing_keep_their_intrinsics(tmp_path: Path) -> None:
+    """Observations name the lens of a camera; those without got the first one."""
+    problem = sfmcpp.circle_scene(3, 20, camera_model="perspective", seed=0)
+    problem.intrinsics[:, 0] = [900.0, 1000.0, 1100.0]
+    blind = problem.with_observations(problem.camera_index != 2)
+    sfmcpp.write(blind, tmp_path / "p.g2o")
+    found = sfmcpp.read(tmp_path / "p.g2o")
+    assert found.intrinsics[found.intrinsics_index, 0].tolist() == [900.0, 1000.0, 1100.0]
+    assert sfmcpp.cost(found) == pytest.approx(sfmcpp.cost(blind), rel=1e-9)

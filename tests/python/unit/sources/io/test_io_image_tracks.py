@@ -154,6 +154,13 @@ def test_names_and_sizes_of_an_archive_are_kept(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.centres, sizes / 2)
 
 
+def test_images_of_a_problem_without_names_are_called_as_in_a_model_of_it(tmp_path: Path) -> None:
+    """They were numbered from 0, and those of models from 1: `evaluate` compared each with the next one."""
+    path = as_bal(tmp_path, random_tracks())
+    sfmcpp.convert(path, tmp_path / "model")
+    assert read_image_tracks(path).names == sfmcpp.read(tmp_path / "model").metadata.image_names
+
+
 def test_pixels_of_bal_are_counted_from_the_centre(tmp_path: Path) -> None:
     assert not read_image_tracks(as_bal(tmp_path, random_tracks())).centres.any()
     assert np.isnan(read_image_tracks(as_vgg(tmp_path, random_tracks())).centres).all()

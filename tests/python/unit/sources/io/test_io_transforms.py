@@ -142,6 +142,19 @@ def test_cameras_come_back_without_points_and_all_is_fixed(groups: int, tmp_path
     assert again.fixed_intrinsics.all()
 
 
+def test_images_of_different_sizes_share_no_camera(tmp_path: Path) -> None:
+    """Both were of the size of the last one in models that were written of it."""
+    content = written(scene(), tmp_path)
+    content["frames"][1] |= {"w": content["w"] + 2, "h": content["h"] + 4}
+    path = tmp_path / "sizes.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    truth = read(path)
+    write(truth, tmp_path / "model")
+    found = read(tmp_path / "model")
+    assert len(found.intrinsics) == 2
+    np.testing.assert_array_equal(found.metadata.image_sizes, truth.metadata.image_sizes)
+
+
 def test_a_focal_length_may_be_told_by_the_angle_of_view(tmp_path: Path) -> None:
     content = written(scene(), tmp_path)
     for name in ("fl_x", "fl_y", "cx", "cy"):

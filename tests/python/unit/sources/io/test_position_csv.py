@@ -63,8 +63,23 @@ def test_images_without_names_are_numbered_by_index_or_line(tmp_path: Path) -> N
     by_index = read_position_csv(written(tmp_path, "index,x,y,z\n4,1,2,3\n0,,,\n"), numbered=True)
     assert by_index.named_by == "index"
     assert by_index.positions == {"4": (1.0, 2.0, 3.0)}
+    padded = written(tmp_path, "index,x,y,z\n004,1,2,3\n010,1,2,3\n")
+    assert list(read_position_csv(padded, numbered=True).positions) == ["4", "10"]
     by_line = read_position_csv(written(tmp_path, "x,y,z\n1,2,3\n,,\n7,8,9\n"), numbered=True)
     assert by_line.positions == {"0": (1.0, 2.0, 3.0), "2": (7.0, 8.0, 9.0)}
+
+
+@pytest.mark.parametrize(
+    ("cells", "reason"),
+    [
+        ("1.5,1,2,3", "index is '1.5': must be the number of an image"),
+        ("-1,1,2,3", "index is '-1': must be the number of an image"),
+        ("1,1,2,3\n01,1,2,3", "'1' stands there twice"),
+    ],
+)
+def test_an_index_is_a_whole_number_once(tmp_path: Path, cells: str, reason: str) -> None:
+    with pytest.raises(DatasetError, match=reason):
+        read_position_csv(written(tmp_path, f"index,x,y,z\n{cells}\n"), numbered=True)
 
 
 def test_units_in_brackets_are_obeyed(tmp_path: Path) -> None:

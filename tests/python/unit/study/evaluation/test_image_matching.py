@@ -29,6 +29,8 @@ def images(*names: str) -> ImagePoses:
         (("x/B.JPG", "x/A.JPG"), ("a.png", "b.png"), "stem"),
         # Names that only differ by their folder tell which is which; those of the files do not.
         (("left/b.jpg", "left/a.jpg", "right/a.jpg"), ("left/a.jpg", "left/b.jpg"), "name"),
+        # Letters with accents are the same in either form of Unicode.
+        (("\u00e9.jpg", "b.jpg"), ("b.jpg", "e\u0301.jpg"), "file name"),
         # One image has the same whole name, but all have the same stems.
         (("b.jpg", "a.png"), ("a.jpg", "b.jpg"), "stem"),
     ],
@@ -95,6 +97,17 @@ def test_frame_numbers_are_not_taken_for_the_seconds_of_a_truth_with_times() -> 
     """Ten poses a second: frame 2 is row 2, at 0.2 s, not the pose at 2 s."""
     found = match_with_trajectory(images("000000.png", "000001.png", "000002.png"), drive(30))
     assert (found.matched_by, found.truth_rows.tolist()) == ("frame number", [0, 1, 2])
+
+
+@pytest.mark.parametrize("stem", ["0_{}", "nan", "inf"])
+def test_words_that_python_takes_for_numbers_are_no_times(stem: str) -> None:
+    """Image 0_20 was taken for the one at 20 s."""
+    truth = drive(40)
+    names = [f"{stem.format(number)}/{stem.format(number)}.png" for number in range(3)]
+    if "{}" not in stem:
+        names = [f"{stem}.png", "1.5.png"]
+    with pytest.raises(InvalidArgument, match=r"40 poses cannot be told to belong to"):
+        match_with_trajectory(images(*names), truth)
 
 
 @pytest.mark.parametrize("names", [("a.png", "b.png"), ("0.png", "700.png")])
