@@ -35,7 +35,7 @@ from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_p
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.imported_matches import match_graph_of_database
-from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
+from sfmcpp.sfm.imported_tracks import from_corner, graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.map_backup import undone_by_an_error
 from sfmcpp.sfm.match_graph import MatchGraph
@@ -284,6 +284,7 @@ def _scene_of_photos(
 
 
 def _scene_of_tracks(tracks: ImageTracks, run: _Run, threads: int | None) -> Scene:
+    tracks = from_corner(tracks)
     cameras = run.cameras_of(photos_of(tracks))
     if run.cameras.calibration is None:
         known = np.isfinite(tracks.centres).all(axis=1)
@@ -305,7 +306,7 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
     intrinsics = cameras.intrinsics.copy()
     for camera in np.flatnonzero(cameras.guessed):
         of_camera, size = cameras.of_image == camera, cameras.sizes[camera]
-        # The focal length is sought for a principal point at the centre; data sets may count pixels from it.
+        # The focal length is sought for a principal point at the centre; a database may tell another.
         to_centre = size / 2 - intrinsics[camera, 2:4]
         pairs = [
             (
