@@ -39,7 +39,8 @@ def test_pixels_from_the_middle_become_pixels_from_the_corner() -> None:
     np.testing.assert_array_equal(moved.centres, wanted.centres)
     unknown = from_corner(tracks(centred=True, sizes_known=False))
     assert (unknown.centres == unknown.sizes / 2).all()
-    assert (unknown.pixels >= 0).all() and (unknown.pixels.max(axis=0) <= unknown.sizes[0]).all()
+    assert (unknown.pixels >= 0).all()
+    assert (unknown.pixels.max(axis=0) <= unknown.sizes[0]).all()
     assert from_corner(wanted) is wanted
 
 
