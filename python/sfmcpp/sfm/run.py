@@ -124,7 +124,7 @@ def reconstruct(
         ``"auto"``: focal lengths from the files, else estimated from the matches. ``"exif"``: from the files,
         required. A number: initial focal length [px], held fixed with `camera_model` "fixed". A file
         (``K.txt``, ``calib.txt``, YAML or XML of OpenCV, Kalibr or EuRoC), or intrinsics (5,), (12,) or
-        (3, 3): known and held fixed.
+        (3, 3): known and held fixed; pixels count from the corner of the image, except in files of programs.
     camera_model : str
         Which intrinsics are estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
         or ``"opencv"``. ``"auto"``: those of the models in a COLMAP database; else ``"simple-radial"``, then
@@ -219,7 +219,7 @@ def _scene_of(
         run.warnings += source.warnings
         return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source), run))
     if isinstance(source, ImageTracks):
-        return _scene_of_tracks(source, run, front.threads)
+        return _scene_of_tracks(from_corner(source), run, front.threads)
     path = Path(source)
     if not path.exists():
         raise DatasetError(path, "no such file or directory")
@@ -237,8 +237,8 @@ def _scene_of(
     from sfmcpp.sources.io.image_tracks import read_image_tracks
 
     with run.timed("reading"):
-        tracks = read_image_tracks(path)
-    return _scene_of_tracks(tracks, run, front.threads)
+        source = read_image_tracks(path)
+    return _scene_of_tracks(from_corner(source), run, front.threads)
 
 
 def _require_no_single_picture(path: Path) -> None:
@@ -284,7 +284,6 @@ def _scene_of_photos(
 
 
 def _scene_of_tracks(tracks: ImageTracks, run: _Run, threads: int | None) -> Scene:
-    tracks = from_corner(tracks)
     cameras = run.cameras_of(photos_of(tracks))
     if run.cameras.calibration is None:
         known = np.isfinite(tracks.centres).all(axis=1)
