@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.model import camera_model
-from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.problem import Problem
 from sfmcpp.sources.io.checks import LARGEST_COUNT, require_image_sizes, require_metadata_length
 
@@ -166,7 +166,7 @@ def _image_sizes(problem: Problem, centred: bool, path: Path) -> NDArray[np.int6
 
 def _known_sizes(problem: Problem, path: Path) -> NDArray[np.int64]:
     """Sizes (G, 2) as the metadata have them, 0 where they have none."""
-    count, rows = len(problem.intrinsics), problem.intrinsics_index
+    count, index = len(problem.intrinsics), problem.intrinsics_index
     stored = problem.metadata.extra.get("colmap_camera_sizes")
     if stored is not None:
         require_metadata_length("colmap_camera_sizes", stored, count, path)
@@ -174,8 +174,23 @@ def _known_sizes(problem: Problem, path: Path) -> NDArray[np.int64]:
     sizes = np.zeros((count, 2), dtype=np.int64)
     require_image_sizes(problem, path)
     if problem.metadata.image_sizes is not None:
-        sizes[rows] = problem.metadata.image_sizes
+        of_images = np.asarray(problem.metadata.image_sizes, dtype=np.int64)
+        known = np.flatnonzero((of_images > 0).all(axis=1))
+        sizes[index[known]] = of_images[known]
+        _require_one_size(of_images[known], sizes[index[known]], index[known], path)
     return sizes
+
+
+def _require_one_size(
+    of_images: NDArray[np.int64], of_rows: NDArray[np.int64], rows: IndexArray, path: Path
+) -> None:
+    """Raise a DatasetError at the first row of intrinsics whose images (k, 2) are of several sizes [px]."""
+    differs = (of_images != of_rows).any(axis=1)
+    if differs.any():
+        k = int(np.argmax(differs))
+        one, other = ("×".join(map(str, sizes[k])) for sizes in (of_images, of_rows))
+        rule = "intrinsics in pixels are of one size of image: give each size a row of its own"
+        raise DatasetError(path, f"intrinsics[{rows[k]}] have images of {one} and {other} px: {rule}")
 
 
 def _covering_sizes(problem: Problem, centred: bool) -> NDArray[np.int64]:

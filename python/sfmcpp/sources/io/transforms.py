@@ -43,7 +43,7 @@ def read_transforms(path: Path) -> Problem:
 
     There is nothing to adjust in the file: it is a truth to evaluate against, or poses for other programs.
     Its world is kept: neither ``applied_transform`` nor ``applied_scale`` is undone. Cameras of equal numbers
-    share intrinsics.
+    and image sizes share intrinsics.
 
     Raises
     ------
@@ -52,13 +52,14 @@ def read_transforms(path: Path) -> Problem:
     """
     root = read_json(path)
     views, poses, lenses = {}, {}, {}
-    known: dict[tuple[float, ...], int] = {}
+    known: dict[tuple[float, ...], int] = {}  # of size and numbers
     for key, frame in enumerate(root.part("frames").items()):
         camera = frame.with_fields_of(root)
         values = _read_lens(camera)
-        lens = known.setdefault(tuple(values.values()), len(known))
+        size = image_size(camera, "w", "h")
+        lens = known.setdefault((*size, *values.values()), len(known))
         lenses[lens] = Lens(values, ())
-        views[key] = View(frame, frame.part("file_path").text(), image_size(camera, "w", "h"), key, lens)
+        views[key] = View(frame, frame.part("file_path").text(), size, key, lens)
         poses[key] = _read_pose(frame.part("transform_matrix"))
     return problem_of_views(views, poses, lenses, Tracks(), "transforms")
 
