@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.pinhole import PINHOLE
+from sfmcpp.geometry.pinhole import PINHOLE, to_normalised, to_pixels, undistorted_pixels
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.problem import Problem
@@ -18,6 +18,8 @@ from sfmcpp.sources.io.checks import LARGEST_COUNT, require_image_sizes, require
 
 PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
+# As near as the search for the ray of a pixel comes where there is one.
+_FOUND_PX = 0.5
 _DEFAULTS = np.array([1.0 if name == "aspect" else 0.0 for name in PERSPECTIVE])
 
 
@@ -117,6 +119,17 @@ def no_model(row: int, models: Collection[str], values: FloatArray, path: Path) 
 def has_distortion(problem: Problem) -> bool:
     """Whether any lens of a pinhole model bends rays."""
     return bool(as_perspective(problem)[0][:, PINHOLE:].any())
+
+
+def pixels_without_inverse(problem: Problem) -> int:
+    """How many observations of cameras of a pinhole model no ray explains, or none that was found.
+
+    A lens with strong terms has a farthest circle that it takes rays to.
+    """
+    rows, index = as_perspective(problem)[0], problem.intrinsics_index[problem.camera_index]
+    ideal = to_normalised(undistorted_pixels(problem.pixels, rows, index), rows[index, :PINHOLE])
+    apart = np.linalg.norm(to_pixels(ideal, rows[index]) - problem.pixels, axis=1)
+    return int(np.count_nonzero(~(apart < _FOUND_PX)))
 
 
 def has_square_pixels(problem: Problem) -> bool:
