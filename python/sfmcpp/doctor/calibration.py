@@ -241,10 +241,10 @@ def _undetermined_intrinsics(
     """For each intrinsic that is open somewhere: its worst share of the radius, and the cameras."""
     sigmas = (
         trial.sigma_px
-        / case.sigma_px
+        / case.stated_sigma_px
         * np.sqrt(np.maximum(np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2), 0))
     )
-    reach = _largest_slopes(trial.problem, model)[cameras] * case.sigma_px
+    reach = _largest_slopes(trial.problem, model)[cameras] * case.stated_sigma_px
     share = sigmas * reach / radii_px(trial.problem)[cameras, None]
     return {
         name: (float(share[:, column].max()), cameras[share[:, column] > _HALF])
@@ -272,10 +272,11 @@ def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:
 
 
 def radii_px(problem: Problem) -> FloatArray:
-    """(C,) distance of the farthest observation of each camera from the principal point [px]."""
+    """(C,) distance of the farthest observation of each camera from the principal point, or 1 [px]."""
     centres = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 2:4]
-    radii = np.ones(problem.num_cameras)
+    radii = np.zeros(problem.num_cameras)
     np.maximum.at(radii, problem.camera_index, np.linalg.norm(problem.pixels - centres, axis=1))
+    radii[radii == 0] = 1.0
     return radii
 
 

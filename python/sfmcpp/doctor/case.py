@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 SAMPLE = 200_000
 # Trial adjustments and variances, which are cubic in the cameras, take so much of a problem: a second or two.
 TRIAL_OBSERVATIONS, TRIAL_CAMERAS = 100_000, 200
+# No image is as small as this, and a usual one has so many pixels across.
+_SMALLEST_IMAGE_PX, _PIXELS_OF_AN_IMAGE = 16.0, 1000.0
 
 
 class Case:
@@ -66,11 +68,25 @@ class Case:
         return named("camera", cameras, self.name_of_camera)
 
     @cached_property
-    def sigma_px(self) -> float:
+    def stated_sigma_px(self) -> float:
         """Median stated standard deviation of the pixels; one where none is stated [px]."""
         uncertainty = self.problem.uncertainty
         stated = Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px
         return float(np.median(stated)) if len(stated) else 1.0
+
+    @cached_property
+    def sigma_px(self) -> float:
+        """The same, to judge errors by; a thousandth of images too small to be in pixels, where none is."""
+        uncertainty = self.problem.uncertainty
+        is_stated = uncertainty.sigma_px is not None or uncertainty.covariance_px2 is not None
+        return (
+            self.stated_sigma_px if is_stated or self.is_of_pixels else self.extent_px / _PIXELS_OF_AN_IMAGE
+        )
+
+    @property
+    def is_of_pixels(self) -> bool:
+        """Whether observations are in pixels, as far as their extent tells."""
+        return not self.problem.num_observations or not 0 < self.extent_px < _SMALLEST_IMAGE_PX
 
     @cached_property
     def views_of_points(self) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
 
-# Tens of pixels, and of what an adjustment leaves.
+# Tens of pixels (of σ where observations are in no pixels), and of what an adjustment leaves.
 _FAR_PX, _TIMES = 20.0, 10.0
 _NAMED = 3
 
@@ -45,7 +45,8 @@ def far_start(case: Case) -> Iterator[Finding]:
         return
     errors = np.minimum(reprojection_errors_px(part, part.points)[good], case.extent_px)
     rms = float(np.sqrt(np.mean(errors**2)))
-    if rms < max(_FAR_PX, _TIMES * trial.sigma_px):
+    far = _FAR_PX if case.is_of_pixels else _FAR_PX * case.sigma_px
+    if rms < max(far, _TIMES * trial.sigma_px):
         return
     views = np.bincount(part.camera_index[good], minlength=part.num_cameras)
     sums = np.bincount(part.camera_index[good], errors**2, part.num_cameras)

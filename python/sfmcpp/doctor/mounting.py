@@ -78,7 +78,7 @@ def _shares_with_free(
     sensors = rigs.sensor_of_camera[problem.camera_index]
     cameras = problem.camera_index[[int(np.argmax(sensors == k)) for k in wanted]]
     variances = np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, -6:]
-    sigmas = np.sqrt(np.maximum(variances, 0)) * trial.sigma_px / case.sigma_px
+    sigmas = np.sqrt(np.maximum(variances, 0)) * trial.sigma_px / case.stated_sigma_px
     turn, shift = sigmas[:, :3].max(axis=1), sigmas[:, 3:].max(axis=1)
     focal_px = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[cameras], 0]
     distance = np.array([_median_distance(problem, sensors == k) for k in wanted])

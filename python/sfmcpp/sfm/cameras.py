@@ -16,7 +16,7 @@ from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, finite_array
 from sfmcpp.model.checks import looked_up
 from sfmcpp.model.photos import Photo
-from sfmcpp.sources.cameras import camera_file, read_intrinsics
+from sfmcpp.sources.cameras import camera_file, read_camera
 from sfmcpp.sources.io.colmap.camera_models import MODELS
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 
@@ -213,6 +213,19 @@ def _require_inside(row: FloatArray, width: int, height: int) -> None:
             raise InvalidArgument(f"camera: {name} = {at:g} px in images of {width}×{height}: {rule}")
 
 
+def _require_size(photos: Sequence[Photo], size: tuple[int, int]) -> None:
+    """Raise InvalidArgument at the first photo that a calibration for images of `size` cannot be of.
+
+    Images that are known by their tracks may be larger than these reach.
+    """
+    for photo in photos:
+        fits = photo.size == size if photo.path else np.less_equal(photo.size, size).all()
+        if not fits:
+            has, wanted = ("×".join(map(str, sides)) for sides in (photo.size, size))
+            rule = f"is for images of {wanted} px, {photo.name} has {has}: scale one of them to the other"
+            raise InvalidArgument(f"camera: the calibration {rule}")
+
+
 @dataclass(frozen=True, eq=False)
 class CameraInput:
     """The argument `camera` of a reconstruction: known intrinsics or focal length, use of EXIF.
@@ -227,12 +240,15 @@ class CameraInput:
         ``"use"``: where files tell a focal length. ``"need"``: all must. ``"ignore"``: none is used.
     source : Path or None
         File of the calibration.
+    size : tuple of int or None
+        Width and height [px] of the images that the calibration is for, if its file tells.
     """
 
     focal_px: float | None = None
     calibration: FloatArray | None = None
     exif: str = "use"
     source: Path | None = None
+    size: tuple[int, int] | None = None
 
     def cameras(self, photos: Sequence[Photo], *, sharing: str, model: str) -> Cameras:
         """Make the cameras of `photos`.
@@ -248,6 +264,8 @@ class CameraInput:
             listed = ", ".join(silent[:3])
             raise InvalidArgument(f"camera = 'exif': {len(silent)} images tell no focal length ({listed})")
         try:
+            if self.size is not None:
+                _require_size(photos, self.size)
             return cameras_of(
                 photos,
                 sharing=sharing,
@@ -294,7 +312,8 @@ def _input_of_text(text: str) -> CameraInput:
         if path.suffix:
             raise DatasetError(path, "there is no such file")
         raise InvalidArgument(f"camera = {text!r}: {_RULE}")
-    return CameraInput(calibration=_complete_intrinsics(read_intrinsics(path)), source=path)
+    found = read_camera(path)
+    return CameraInput(calibration=_complete_intrinsics(found.from_corner()), source=path, size=found.size)
 
 
 def _input_of_focal(focal_px: float) -> CameraInput:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import Progress, no_progress
@@ -29,10 +30,29 @@ def photos_of(tracks: ImageTracks) -> list[Photo]:
     ]
 
 
+def from_corner(tracks: ImageTracks) -> ImageTracks:
+    """Tracks whose pixels count from the corner of their image, as models have them that are written.
+
+    Where they count from the middle of an image of unknown size, it is as large as observations reach.
+    """
+    centred = _are_centred(tracks)
+    if not centred.any():
+        return tracks
+    sizes = np.where(centred[:, None], sizes_of(tracks), tracks.sizes)
+    centres = np.where(centred[:, None], sizes / 2.0, tracks.centres)
+    shift = np.where(centred[:, None], centres, 0.0)
+    return replace(tracks, sizes=sizes, centres=centres, pixels=tracks.pixels + shift[tracks.image_index])
+
+
+def _are_centred(tracks: ImageTracks) -> BoolArray:
+    """(I,) whether pixels of an image count from its middle."""
+    return np.asarray((tracks.centres == 0).all(axis=1))
+
+
 def sizes_of(tracks: ImageTracks) -> NDArray[np.int64]:
     """(I, 2) width and height [px]; where unknown, as far as observations reach."""
     known = np.asarray((tracks.sizes > 0).all(axis=1))
-    centred = np.asarray((tracks.centres == 0).all(axis=1))
+    centred = _are_centred(tracks)
     reach = np.abs(tracks.pixels).max(axis=0, initial=0.5)
     sides = np.ceil(np.where(centred[:, None], 2 * reach, reach)).astype(np.int64)
     return np.where(known[:, None], tracks.sizes, sides)

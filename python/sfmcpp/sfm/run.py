@@ -35,7 +35,7 @@ from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_p
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
 from sfmcpp.sfm.imported_matches import match_graph_of_database
-from sfmcpp.sfm.imported_tracks import graph_of_tracks, joined_tracks, photos_of
+from sfmcpp.sfm.imported_tracks import from_corner, graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.map_backup import undone_by_an_error
 from sfmcpp.sfm.match_graph import MatchGraph
@@ -124,7 +124,7 @@ def reconstruct(
         ``"auto"``: focal lengths from the files, else estimated from the matches. ``"exif"``: from the files,
         required. A number: initial focal length [px], held fixed with `camera_model` "fixed". A file
         (``K.txt``, ``calib.txt``, YAML or XML of OpenCV, Kalibr or EuRoC), or intrinsics (5,), (12,) or
-        (3, 3): known and held fixed.
+        (3, 3): known and held fixed; pixels count from the corner of the image, except in files of programs.
     camera_model : str
         Which intrinsics are estimated: ``"simple-pinhole"``, ``"pinhole"``, ``"simple-radial"``, ``"radial"``
         or ``"opencv"``. ``"auto"``: those of the models in a COLMAP database; else ``"simple-radial"``, then
@@ -219,7 +219,7 @@ def _scene_of(
         run.warnings += source.warnings
         return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source), run))
     if isinstance(source, ImageTracks):
-        return _scene_of_tracks(source, run, front.threads)
+        return _scene_of_tracks(from_corner(source), run, front.threads)
     path = Path(source)
     if not path.exists():
         raise DatasetError(path, "no such file or directory")
@@ -237,8 +237,8 @@ def _scene_of(
     from sfmcpp.sources.io.image_tracks import read_image_tracks
 
     with run.timed("reading"):
-        tracks = read_image_tracks(path)
-    return _scene_of_tracks(tracks, run, front.threads)
+        source = read_image_tracks(path)
+    return _scene_of_tracks(from_corner(source), run, front.threads)
 
 
 def _require_no_single_picture(path: Path) -> None:
@@ -305,7 +305,7 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
     intrinsics = cameras.intrinsics.copy()
     for camera in np.flatnonzero(cameras.guessed):
         of_camera, size = cameras.of_image == camera, cameras.sizes[camera]
-        # The focal length is sought for a principal point at the centre; data sets may count pixels from it.
+        # The focal length is sought for a principal point at the centre; a database may tell another.
         to_centre = size / 2 - intrinsics[camera, 2:4]
         pairs = [
             (

@@ -101,13 +101,13 @@ def read_camera(path: Path) -> Calibration:
         return read_calibration(file, camera)
     with failures_named(path):
         data = read_text_bytes(path)
-    rows = _projection_rows(data)
-    matrices = _projections(path, rows) if rows and path.name != "K.txt" else _matrix_of_numbers(path, data)
+    rows = [] if path.name == "K.txt" else _projection_rows(data)
+    matrices = _projections(path, rows) if rows else _matrix_of_numbers(path, data)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
     if (fault := matrix_fault(matrices[0])) is not None:
         raise DatasetError(path, fault)
-    return Calibration(pinhole_of_matrix(matrices[0]))
+    return Calibration(pinhole_of_matrix(matrices[0]), first_pixel_px=0.0 if rows else None)
 
 
 def camera_file(path: str | Path) -> tuple[Path, str]:

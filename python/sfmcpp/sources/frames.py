@@ -58,6 +58,13 @@ class FrameSource(ABC):
         Frames per second where nothing tells their times; None where something does.
     doubt : str or None
         What makes their times doubtful, a sentence.
+    image_size : tuple of int or None
+        Width and height of the images [px], once one has been seen; None for tracks.
+    image_names : sequence of str
+        Names of the files, by the number of the frame; empty for tracks and videos.
+    first_pixel_px : float
+        Where the centre of the top left pixel is, in u and v [px]: 0.5 where pixels count from the corner of
+        the image. Tracks are taken for such, as they do not tell.
     """
 
     intrinsics: FloatArray
@@ -66,6 +73,9 @@ class FrameSource(ABC):
     seconds: float | None = None
     assumed_fps: float | None = None
     doubt: str | None = None
+    image_size: tuple[int, int] | None = None
+    image_names: Sequence[str] = ()
+    first_pixel_px: float = 0.5
 
     @property
     def unreadable(self) -> Mapping[str, str]:
@@ -209,6 +219,8 @@ class ImageStream(FrameSource):
         self._count, self._last = len(images), len(images) - 1
         self.intrinsics = intrinsics
         self.corners = settings.corners
+        self.image_names = images.names
+        self.first_pixel_px = 0.0  # as OpenCV and its calibrations have it
         self.seconds: float = 0.0
 
     def identity(self) -> dict[str, Any]:
@@ -240,6 +252,7 @@ class ImageStream(FrameSource):
         def images() -> Iterator[GreyImage]:
             for number, image in self._images.numbered():
                 numbers.append(number)
+                self.image_size = image.shape[1], image.shape[0]
                 yield image
 
         stream = follow_features(images(), self._settings)

@@ -8,10 +8,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.sources.io.api import write
+from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.study.evaluation import Matched, associate
 from sfmcpp.study.pages.scene_page import Scene, save_scene_page
@@ -21,6 +24,7 @@ from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weigh
 from sfmcpp.study.report_files import Step, write_report, write_steps
 
 if TYPE_CHECKING:
+    from sfmcpp.slam import SlamRun
     from sfmcpp.study.slam_report import SlamReport
 
 MODEL = "model"
@@ -57,7 +61,7 @@ def _steps(report: SlamReport) -> Iterator[Step]:
         trajectory, keyframes = run.trajectory(), run.result.keyframe_trajectory()
         yield TRAJECTORY, partial(write_trajectory, trajectory)
         yield KEYFRAMES, partial(write_trajectory, keyframes)
-        yield MODEL, partial(_write_model, problem)
+        yield MODEL, partial(_write_model, colmap_problem(problem, run))
         yield POINTS, partial(write, problem)
         yield TOP_VIEW, partial(_draw_top_view, report, trajectory, problem)
         yield VIEW, lambda path: save_scene_page(_scene(report, trajectory, problem), path)
@@ -71,6 +75,25 @@ def _steps(report: SlamReport) -> Iterator[Step]:
         pairs = _true_keyframes(report, keyframes)
         if pairs is not None:
             yield SCALE, partial(_draw_scale, report, pairs)
+
+
+def colmap_problem(problem: Problem, run: SlamRun) -> Problem:
+    """The problem of all keyframes with the sizes and names of their images, and pixels from the corner.
+
+    COLMAP has the centre of the top left pixel at (0.5, 0.5), OpenCV, which follows corners, at (0, 0).
+    """
+    frames, world = run.drive.frames, run.world
+    result = problem.copy()
+    if frames.image_size is not None:
+        result.metadata.image_sizes = np.tile(np.array(frames.image_size, np.int64), (problem.num_cameras, 1))
+    if world is not None and len(frames.image_names) > 0:
+        names = [frames.image_names[keyframe.frame] for keyframe in world.keyframes]
+        if all(fault_of_image_name(name) is None for name in names):
+            result.metadata.image_names = names
+    shift = 0.5 - frames.first_pixel_px
+    result.pixels += shift
+    result.intrinsics[:, [result.intrinsic_names.index(name) for name in ("cx", "cy")]] += shift
+    return result
 
 
 def _write_model(problem: Problem, folder: Path) -> None:

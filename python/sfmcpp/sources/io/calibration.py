@@ -43,10 +43,24 @@ class Calibration:
         Of the camera model ``"perspective"``; without distortion its first five will do.
     part : Node or None
         Where the file has it, of a file that may tell more.
+    first_pixel_px : float or None
+        Where its pixels have the centre of the top left one, in u and v [px]: 0 in files of OpenCV, Kalibr,
+        EuRoC and KITTI; None where nothing tells.
     """
 
     intrinsics: FloatArray
     part: Node | None = None
+    first_pixel_px: float | None = None
+
+    def from_corner(self) -> FloatArray:
+        """The intrinsics for pixels that count from the corner of the image, as photos have them here.
+
+        As they are where nothing tells where they count from.
+        """
+        moved = np.array(self.intrinsics)
+        if self.first_pixel_px is not None:
+            moved[perspective_columns("cx", "cy")] += 0.5 - self.first_pixel_px
+        return moved
 
     @property
     def size(self) -> tuple[int, int] | None:
@@ -88,7 +102,7 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
     root = read_document(path)
     chosen = chosen_camera(root, camera)
     matrix, distortion, lens = _opencv(chosen) if chosen.part(*_MATRIX) else _euroc_or_kalibr(chosen)
-    return Calibration(_intrinsics(matrix, distortion, lens), chosen)
+    return Calibration(_intrinsics(matrix, distortion, lens), chosen, first_pixel_px=0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.metadata import LOOSE, SECOND_SIGHTINGS, WorldOrigin
 from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.intrinsics import has_distortion, has_square_pixels
+from sfmcpp.sources.io.intrinsics import has_distortion, has_square_pixels, pixels_without_inverse
 from sfmcpp.sources.io.views import UNREGISTERED
 
 _MOST_NAMES = 3
@@ -49,6 +49,11 @@ def changed_on_writing(problem: Problem, path: Path, format: Format) -> Iterator
         yield "COLMAP reads names of images with spaces wrongly from text, and right from binary files"
     if format.undistorts and has_distortion(problem):
         yield f"pixels are as cameras without distortion would have seen them: {format.name} has no other"
+        if count := pixels_without_inverse(problem):
+            yield (
+                f"{count:,} of {problem.num_observations:,} observations are where the lens has no inverse, "
+                "and are written as they are"
+            )
     if format.name == "nvm" and not has_square_pixels(problem):
         yield "pixels are as cameras of square pixels would have seen them: nvm has no other; the RMS changes"
 

@@ -10,14 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.pinhole import PINHOLE
+from sfmcpp.geometry.pinhole import PINHOLE, to_normalised, to_pixels, undistorted_pixels
 from sfmcpp.model import camera_model
-from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.problem import Problem
 from sfmcpp.sources.io.checks import LARGEST_COUNT, require_image_sizes, require_metadata_length
 
 PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
+# As near as the search for the ray of a pixel comes where there is one.
+_FOUND_PX = 0.5
 _DEFAULTS = np.array([1.0 if name == "aspect" else 0.0 for name in PERSPECTIVE])
 
 
@@ -119,6 +121,17 @@ def has_distortion(problem: Problem) -> bool:
     return bool(as_perspective(problem)[0][:, PINHOLE:].any())
 
 
+def pixels_without_inverse(problem: Problem) -> int:
+    """How many observations of cameras of a pinhole model no ray explains, or none that was found.
+
+    A lens with strong terms has a farthest circle that it takes rays to.
+    """
+    rows, index = as_perspective(problem)[0], problem.intrinsics_index[problem.camera_index]
+    ideal = to_normalised(undistorted_pixels(problem.pixels, rows, index), rows[index, :PINHOLE])
+    apart = np.linalg.norm(to_pixels(ideal, rows[index]) - problem.pixels, axis=1)
+    return int(np.count_nonzero(~(apart < _FOUND_PX)))
+
+
 def has_square_pixels(problem: Problem) -> bool:
     """Whether no camera of a pinhole model has an aspect ratio or a skew."""
     columns = perspective_columns("aspect", "skew")
@@ -166,7 +179,7 @@ def _image_sizes(problem: Problem, centred: bool, path: Path) -> NDArray[np.int6
 
 def _known_sizes(problem: Problem, path: Path) -> NDArray[np.int64]:
     """Sizes (G, 2) as the metadata have them, 0 where they have none."""
-    count, rows = len(problem.intrinsics), problem.intrinsics_index
+    count, index = len(problem.intrinsics), problem.intrinsics_index
     stored = problem.metadata.extra.get("colmap_camera_sizes")
     if stored is not None:
         require_metadata_length("colmap_camera_sizes", stored, count, path)
@@ -174,8 +187,23 @@ def _known_sizes(problem: Problem, path: Path) -> NDArray[np.int64]:
     sizes = np.zeros((count, 2), dtype=np.int64)
     require_image_sizes(problem, path)
     if problem.metadata.image_sizes is not None:
-        sizes[rows] = problem.metadata.image_sizes
+        of_images = np.asarray(problem.metadata.image_sizes, dtype=np.int64)
+        known = np.flatnonzero((of_images > 0).all(axis=1))
+        sizes[index[known]] = of_images[known]
+        _require_one_size(of_images[known], sizes[index[known]], index[known], path)
     return sizes
+
+
+def _require_one_size(
+    of_images: NDArray[np.int64], of_rows: NDArray[np.int64], rows: IndexArray, path: Path
+) -> None:
+    """Raise a DatasetError at the first row of intrinsics whose images (k, 2) are of several sizes [px]."""
+    differs = (of_images != of_rows).any(axis=1)
+    if differs.any():
+        k = int(np.argmax(differs))
+        one, other = ("×".join(map(str, sizes[k])) for sizes in (of_images, of_rows))
+        rule = "intrinsics in pixels are of one size of image: give each size a row of its own"
+        raise DatasetError(path, f"intrinsics[{rows[k]}] have images of {one} and {other} px: {rule}")
 
 
 def _covering_sizes(problem: Problem, centred: bool) -> NDArray[np.int64]:

@@ -43,6 +43,44 @@ def test_a_focal_length_comes_from_the_user_then_from_the_files_then_from_a_usua
         parse_camera_argument("exif").cameras(silent, sharing="one", model="auto")
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "shift"),
+    [
+        ("K.txt", "2700 0 1510\n0 2710 990\n0 0 1\n", 0.0),
+        ("calib.txt", "P0: 2700 0 1510 0 0 2710 990 0 0 0 1 0\n", 0.5),
+        ("cam.yaml", "cam0:\n  camera_model: pinhole\n  intrinsics: [2700, 2710, 1510, 990]\n", 0.5),
+        ("cam.yml", "%YAML:1.0\ncamera_matrix: [2700, 0, 1510, 0, 2710, 990, 0, 0, 1]\n", 0.5),
+    ],
+)
+def test_principal_points_of_files_that_count_from_the_first_pixel_are_moved_by_half(
+    tmp_path: Path, name: str, text: str, shift: float
+) -> None:
+    (tmp_path / name).write_text(text)
+    row = parse_camera_argument(tmp_path / name).calibration
+    assert row is not None
+    assert row[:4] == pytest.approx([2700, 2710 / 2700, 1510 + shift, 990 + shift])
+
+
+def test_a_calibration_of_another_image_size_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "camchain.yaml"
+    file.write_text(
+        "cam0:\n  camera_model: pinhole\n  intrinsics: [2700, 2710, 1510, 990]\n  resolution: [3000, 2000]\n"
+    )
+    camera = parse_camera_argument(file)
+    photo = Photo("1.jpg", Path("1.jpg"), size=LARGE)
+    assert camera.cameras([photo], sharing="auto", model="auto").fixed.all()
+    other = Photo("2.jpg", Path("2.jpg"), size=(2400, 1600))
+    with pytest.raises(
+        DatasetError,
+        match=r"camchain.yaml: .* is for images of 3000×2000 px, 2.jpg has 2400×1600: scale",
+    ):
+        camera.cameras([photo, other], sharing="auto", model="auto")
+    # What is known by tracks alone is as large as these reach.
+    camera.cameras([Photo("3", size=(2400, 1990))], sharing="auto", model="auto")
+    with pytest.raises(DatasetError, match="3 has 3100×1990"):
+        camera.cameras([Photo("3", size=(3100, 1990))], sharing="auto", model="auto")
+
+
 def test_a_calibration_stays_as_it_is(tmp_path: Path) -> None:
     file = tmp_path / "K.txt"
     file.write_text("2700 0 1510\n0 2710 990\n0 0 1\n")

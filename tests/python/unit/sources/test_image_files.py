@@ -104,6 +104,15 @@ def test_the_corners_asked_for_are_followed(tmp_path: Path) -> None:
     assert one.shape != other.shape or (one != other).any()
 
 
+def test_a_stream_knows_its_images(tmp_path: Path) -> None:
+    stream = open_images(write_images(tmp_path / "images"), CAMERA)[0]
+    first = next(iter(stream.image_names))
+    height, width = cv2.imread(str(tmp_path / "images" / first)).shape[:2]
+    next(iter(stream))
+    assert (stream.image_size, stream.first_pixel_px) == ((width, height), 0.0)
+    assert stream.image_names == sorted(file.name for file in (tmp_path / "images").iterdir())
+
+
 def write_video(path: Path, count: int) -> Path:
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (64, 48))
     for number in range(count):

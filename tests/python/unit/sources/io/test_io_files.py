@@ -287,3 +287,16 @@ def test_names_that_colmap_cannot_read_from_text_are_told(problem: Problem, tmp_
         problem.metadata.image_names = names
         notes = list(changed_on_writing(problem, tmp_path, format))
         assert any("names of images with spaces" in note for note in notes) == told
+
+
+@pytest.mark.parametrize("name", ["g2o", "nvm"])
+def test_pixels_that_a_lens_takes_no_ray_to_are_told(name: str, tmp_path: Path) -> None:
+    (format,) = (known for known in formats() if known.name == name)
+    problem = random_problem(0, "bal", {"f": 900})
+    problem.pixels[:] = 100.0
+    problem.pixels[:3] = 700.0
+    problem.intrinsics[:] = 900.0, -0.3, 0.0  # takes rays no farther than 632 px from the middle
+    told = [note for note in changed_on_writing(problem, tmp_path, format) if "no inverse" in note]
+    assert [note.partition(" are ")[0] for note in told] == [f"3 of {problem.num_observations} observations"]
+    problem.pixels[:] = 100.0
+    assert not any("no inverse" in note for note in changed_on_writing(problem, tmp_path, format))

@@ -96,6 +96,18 @@ def test_sizes_that_are_none_are_refused(
     assert not (tmp_path / target).exists()
 
 
+@pytest.mark.parametrize("target", _WITH_SIZES)
+def test_intrinsics_of_images_of_two_sizes_are_refused(tmp_path: Path, target: str) -> None:
+    problem = sfmcpp.circle_scene(3, 30).with_shared_intrinsics()
+    problem.metadata.image_sizes = np.array([[0, 0], [640, 480], [320, 240]])
+    with pytest.raises(DatasetError, match=r"intrinsics\[0\] have images of 640×480 and 320×240 px"):
+        write(problem, tmp_path / target)
+    assert not (tmp_path / target).exists()
+    problem.metadata.image_sizes[2] = 0  # not known: as that of the others
+    write(problem, tmp_path / target)
+    np.testing.assert_array_equal(read(tmp_path / target).metadata.image_sizes, [[640, 480]] * 3)
+
+
 @pytest.mark.parametrize("name", ["sfm_data.json", "cameras.sfm"])
 def test_what_is_written_for_g2o_is_the_scene_without_distortion(tmp_path: Path, name: str) -> None:
     problem = problem_of(tmp_path, name)

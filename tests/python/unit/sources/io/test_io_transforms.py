@@ -204,3 +204,15 @@ def test_the_command_line_converts_to_it(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["convert", str(tmp_path / "model"), str(tmp_path / "transforms.json")])
     assert result.exit_code == ExitCode.DONE
     assert json.loads((tmp_path / "transforms.json").read_text())["fl_x"] == 800.0
+
+
+def test_equal_lenses_before_images_of_two_sizes_keep_these_sizes(tmp_path: Path) -> None:
+    problem = scene(4)
+    problem.intrinsics[:] = problem.intrinsics[0]
+    assert problem.metadata.image_sizes is not None
+    problem.metadata.image_sizes[3] = 320, 240  # a corner of an image
+    written(problem, tmp_path)
+    again = read(tmp_path / "transforms.json")
+    assert again.intrinsics_index.tolist() == [0, 0, 0, 1]
+    write(again, tmp_path / "model")
+    np.testing.assert_array_equal(read(tmp_path / "model").metadata.image_sizes, [SIZE] * 3 + [(320, 240)])
