@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import require_positive
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors.stream import measured_at, require_kind
 
 SEMI_MAJOR_AXIS_M = 6_378_137.0
@@ -196,6 +198,35 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
     from_axis = (normal + height) * np.cos(latitude)
     z = (normal * (1 - _ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
     return np.stack([from_axis * np.cos(longitude), from_axis * np.sin(longitude), z], axis=1)
+
+
+def between_origins(source: WorldOrigin, target: WorldOrigin) -> Similarity:
+    """Rigid motion from the world of one origin to that of another, exact for tangent planes, too.
+
+    Parameters
+    ----------
+    source, target : WorldOrigin
+        Both geodetic, or both in one metric frame.
+
+    Returns
+    -------
+    Similarity
+        target_from_source.
+
+    Raises
+    ------
+    InvalidArgument
+        If one is geodetic and the other is not, or a latitude is beyond ±90°.
+    """
+    if source.geodetic != target.geodetic:
+        kinds = ("a latitude and longitude", "x, y, z")
+        here, there = kinds if source.geodetic else kinds[::-1]
+        raise InvalidArgument(f"origin: that of one world is {here}, of the other {there}: must be alike")
+    if not source.geodetic:
+        return Similarity(1.0, np.eye(3), source.place - target.place)
+    axes, others = (_axes_east_north_up(origin.place) for origin in (source, target))
+    offset = earth_centred(source.place[None])[0] - earth_centred(target.place[None])[0]
+    return Similarity(1.0, others @ axes.T, others @ offset)
 
 
 def middle_of(geodetic: FloatArray) -> FloatArray:
