@@ -13,7 +13,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.camera_models import require_pinhole
-from sfmcpp.model.metadata import keypoint_entries, require_entries
+from sfmcpp.model.metadata import WorldOrigin, keypoint_entries, require_entries
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 
@@ -29,8 +29,8 @@ def map_of_problem(problem: Problem) -> Map:
     Parameters
     ----------
     problem : Problem
-        Of a metric camera model; it is not changed. Names, sizes, colours, identifiers and keypoints
-        without a point are taken from its metadata.
+        Of a metric camera model; it is not changed. Names, sizes, colours, identifiers, keypoints without a
+        point and the origin of the world are taken from its metadata.
 
     Returns
     -------
@@ -46,6 +46,7 @@ def map_of_problem(problem: Problem) -> Map:
     metadata, extra = problem.metadata, problem.metadata.extra
     require_entries(extra)
     result = Map(require_pinhole(problem.camera_model))
+    result.origin = WorldOrigin.of(metadata)
     sizes = np.zeros((len(problem.intrinsics), 2), dtype=np.int64)
     if metadata.image_sizes is not None:
         sizes[problem.intrinsics_index] = metadata.image_sizes
@@ -120,6 +121,8 @@ def problem_of_map(world: Map) -> Problem:
     }
     if world.camera_sizes.all():
         problem.metadata.extra["colmap_camera_sizes"] = world.camera_sizes.copy()
+    if world.origin is not None:
+        world.origin.put_into(problem.metadata)
     uncertainty = problem.uncertainty.of_some(tracks)
     return Problem(
         world.camera_model,

@@ -13,6 +13,7 @@ from sfmcpp.map.tracks import NONE, Rows, Tracks
 from sfmcpp.model import camera_model as camera_model_of
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, numbers_below
 from sfmcpp.model.camera_models import require_pinhole
+from sfmcpp.model.metadata import WorldOrigin
 
 UNKNOWN_ERROR = -1.0
 _MOST_KEYPOINTS = 2**31
@@ -36,6 +37,8 @@ class Store:
         What a file calls the model of each camera (COLMAP's ``RADIAL``, say), or empty.
     image_names : list of str
         Name of each image.
+    origin : WorldOrigin or None
+        Of the world, where that is known; it stays where the map is moved.
     """
 
     def __init__(self, camera_model: str = "perspective") -> None:
@@ -43,6 +46,7 @@ class Store:
         self.camera_model = model.name
         self.camera_names: list[str] = []
         self.image_names: list[str] = []
+        self.origin: WorldOrigin | None = None
         width = (len(model.intrinsics),)
         fixed = [name not in model.free_by_default for name in model.intrinsics]
         self._cameras = Table(

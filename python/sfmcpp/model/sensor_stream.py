@@ -35,6 +35,8 @@ SENSORS: dict[str, tuple[str, ...]] = {
 }
 # A gap of up to this many usual periods is bridged unless the stream says otherwise.
 BRIDGED_PERIODS = 5.0
+# Rounded stamps make a difference of two, and as many usual periods, wrong by less than so many last digits.
+_ROUNDING = 16
 
 
 @dataclass(frozen=True)
@@ -260,20 +262,28 @@ class SensorStream:
         return float(np.median(np.diff(self.t_s))) if len(self.t_s) > 1 else 0.0
 
     @property
+    def _rounding_s(self) -> float:
+        """By how much rounded stamps may seem farther apart than they are: seconds since 1970 are coarse."""
+        return _ROUNDING * float(np.spacing(np.abs(self.t_s[[0, -1]]).max()))
+
+    @property
     def _has_default_gap(self) -> bool:
         return self.max_gap_s == BRIDGED_PERIODS * self.period_s
 
     def gaps(self) -> tuple[Gap, ...]:
         """All stretches between samples longer than `max_gap_s`."""
-        long = np.flatnonzero(np.diff(self.t_s) > self.max_gap_s)
+        long = np.flatnonzero(np.diff(self.t_s) > self.max_gap_s + self._rounding_s)
         return tuple(Gap(float(self.t_s[i]), float(self.t_s[i + 1])) for i in long)
 
     def covers(self, start_s: float, end_s: float) -> bool:
         """Whether the whole of [`start_s`, `end_s`] is measured, bridged or predicted."""
-        first, last = self.t_s[0] - self.max_gap_s, self.t_s[-1] + self.max_gap_s
-        if not first <= start_s <= end_s <= last:
+        rounding_s = self._rounding_s
+        beyond_s = self.max_gap_s + rounding_s
+        if not self.t_s[0] - beyond_s <= start_s <= end_s <= self.t_s[-1] + beyond_s:
             return False
-        return not any(gap.start_s < end_s and start_s < gap.end_s for gap in self.gaps())
+        return not any(
+            gap.start_s + rounding_s < end_s and start_s < gap.end_s - rounding_s for gap in self.gaps()
+        )
 
     def shifted(self, clock_offset_s: float) -> SensorStream:
         """The same measurements with `clock_offset_s` added to every stamp: camera time − sensor time."""

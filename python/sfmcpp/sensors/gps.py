@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import require_positive
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors.stream import measured_at, require_kind
 
 SEMI_MAJOR_AXIS_M = 6_378_137.0
@@ -32,6 +34,8 @@ _DEGREES_WITHIN, _DEGREES_FROM_ZERO = 0.1, 100.0
 _MOST_RADIANS, _RADIANS_WITHIN_M = np.array([np.pi / 2, np.pi]), 2_000.0
 # A parabola is fitted to positions within this time [s], at least so many, at most so many on either side.
 _SMOOTHED_WITHIN_S, _LEAST_SMOOTHED, _MOST_SMOOTHED = 0.5, 5, 10
+# Relative error of that time where stamps are rounded: since 1970 a second has no more than 2²² parts.
+_ROUNDING = 1e-5
 # Largest variance about the parabola, in units of the declared one: above it the motion is no parabola.
 _LARGEST_VARIANCE_RATIO = 2.0
 # No metric coordinates of the Earth are larger, not even with the number of their zone before them.
@@ -92,13 +96,14 @@ def smoothed_positions(stream: SensorStream, sigma_m: float = 1.0) -> SensorStre
     """
     require_kind(stream, "position")
     require_positive("sigma_m", sigma_m)
-    count = min(int(_SMOOTHED_WITHIN_S / stream.period_s + 1e-6), _MOST_SMOOTHED) if len(stream) > 1 else 0
+    within_s = _SMOOTHED_WITHIN_S * (1 + _ROUNDING)
+    count = min(int(within_s / stream.period_s), _MOST_SMOOTHED) if len(stream) > 1 else 0
     if count < 2:
         return stream
     about = np.arange(len(stream))[:, None] + np.arange(-count, count + 1)
     rows = np.clip(about, 0, len(stream) - 1)
     away = (stream.t_s[rows] - stream.t_s[:, None]) / _SMOOTHED_WITHIN_S
-    within = (about == rows) & (np.abs(away) <= 1 + 1e-9)
+    within = (about == rows) & (np.abs(away) <= 1 + _ROUNDING)
     enough = np.count_nonzero(within, axis=1) >= _LEAST_SMOOTHED
     away, within, rows = away[enough], within[enough, :, None], rows[enough]
     powers = within * np.stack([np.ones_like(away), away, away**2], axis=-1)
@@ -193,6 +198,35 @@ def earth_centred(geodetic: ArrayLike) -> FloatArray:
     from_axis = (normal + height) * np.cos(latitude)
     z = (normal * (1 - _ECCENTRICITY_SQUARED) + height) * np.sin(latitude)
     return np.stack([from_axis * np.cos(longitude), from_axis * np.sin(longitude), z], axis=1)
+
+
+def between_origins(source: WorldOrigin, target: WorldOrigin) -> Similarity:
+    """Rigid motion from the world of one origin to that of another, exact for tangent planes, too.
+
+    Parameters
+    ----------
+    source, target : WorldOrigin
+        Both geodetic, or both in one metric frame.
+
+    Returns
+    -------
+    Similarity
+        target_from_source.
+
+    Raises
+    ------
+    InvalidArgument
+        If one is geodetic and the other is not, or a latitude is beyond ±90°.
+    """
+    if source.geodetic != target.geodetic:
+        kinds = ("a latitude and longitude", "x, y, z")
+        here, there = kinds if source.geodetic else kinds[::-1]
+        raise InvalidArgument(f"origin: that of one world is {here}, of the other {there}: must be alike")
+    if not source.geodetic:
+        return Similarity(1.0, np.eye(3), source.place - target.place)
+    axes, others = (_axes_east_north_up(origin.place) for origin in (source, target))
+    offset = earth_centred(source.place[None])[0] - earth_centred(target.place[None])[0]
+    return Similarity(1.0, others @ axes.T, others @ offset)
 
 
 def middle_of(geodetic: FloatArray) -> FloatArray:

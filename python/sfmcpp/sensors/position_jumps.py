@@ -15,6 +15,8 @@ from sfmcpp.sensors.stream import local_medians, require_kind
 
 # The velocity at a step is a median over this time [s] on either side, of at least 2 and at most 5 steps.
 _SPEED_WITHIN_S, _LEAST_REACH, _LARGEST_REACH = 0.5, 2, 5
+# Relative error of a period of rounded stamps, which must not cost a step.
+_ROUNDING = 1e-5
 # A level is the median of so many positions. Outliers of fewer than half of them do not change it: they are
 # found one by one, by their distance from it.
 _LEVEL = 4
@@ -83,7 +85,8 @@ def _without_motion(t_s: FloatArray, positions: FloatArray) -> FloatArray:
 
 def _reach(period_s: float) -> int:
     """Number of steps on either side in the median of a velocity."""
-    return int(np.clip(_SPEED_WITHIN_S / period_s, _LEAST_REACH, _LARGEST_REACH))
+    steps = _SPEED_WITHIN_S / period_s * (1 + _ROUNDING)
+    return int(np.clip(steps, _LEAST_REACH, _LARGEST_REACH))
 
 
 def _level_changes(left: FloatArray) -> FloatArray:

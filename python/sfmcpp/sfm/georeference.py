@@ -167,6 +167,7 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
     # Points seen once are no part of the problem, and move with it all the same.
     found = _Georeferencing(local.problem, of_images, names, settings.seed).run(options, world.transform)
     world.take(local)
+    world.origin = found.outcome.world_origin
     return found.outcome
 
 

@@ -19,6 +19,7 @@ from sfmcpp.model import Problem, Trajectory
 from sfmcpp.model.arguments import check_fields, checked
 from sfmcpp.model.arrays import FloatArray, shaped_array
 from sfmcpp.model.checks import is_rotation
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.files import failures_named
@@ -52,6 +53,8 @@ class ImagePoses:
         Name of each image, all different.
     poses : (n, 3, 4) float64
         ``[R | c]``: rotation world_from_camera and centre in the world.
+    origin : WorldOrigin, optional
+        Of the world, where that is known.
 
     Raises
     ------
@@ -62,9 +65,10 @@ class ImagePoses:
 
     names: tuple[str, ...]
     poses: FloatArray
+    origin: WorldOrigin | None = None
 
     def __post_init__(self) -> None:
-        check_fields(self, "names")
+        check_fields(self, "names", "origin")
         object.__setattr__(self, "poses", shaped_array("poses", self.poses, (len(self.names), 3, 4)))
         if len(set(self.names)) != len(self.names):
             twice = next(name for name in self.names if self.names.count(name) > 1)
@@ -98,7 +102,7 @@ class ImagePoses:
             return model
         if isinstance(model, Map):
             rows = np.flatnonzero(model.registered)
-            return cls(tuple(model.image_names[row] for row in rows), model.poses[rows])
+            return cls(tuple(model.image_names[row] for row in rows), model.poses[rows], model.origin)
         if not model.is_metric:
             raise InvalidArgument("model: has projection matrices in place of poses, must be metric")
         names = model.metadata.image_names
@@ -107,7 +111,7 @@ class ImagePoses:
                 f"model: names {len(names)} of {model.num_cameras} images, must name all and have one: by "
                 "names it is matched with the truth"
             )
-        return cls(tuple(names), model.cameras)
+        return cls(tuple(names), model.cameras, WorldOrigin.of(model.metadata))
 
 
 def is_problem_file(path: Path) -> bool:

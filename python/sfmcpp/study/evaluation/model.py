@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from sfmcpp.model import Problem, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_not_negative, require_one_of
+from sfmcpp.sensors.gps import between_origins
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, fit_alignment
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S
@@ -36,6 +37,7 @@ AUC_THRESHOLDS_DEG = (1.0, 3.0, 5.0, 10.0)
 MODEL_ALIGNMENTS = ("all", "robust", "none")
 # No model of the same photos has half of its images turned so far once it is aligned [deg].
 _TURNED_DEG = 90.0
+_ONE_ORIGIN = "the origin of the world is told by one of both alone: coordinates are compared as they are"
 
 AnyPath = str | PathLike[str]
 
@@ -171,7 +173,8 @@ def evaluate_model(
         :func:`match_with_trajectory` does. A path is either.
     align_to : str
         ``"all"``: the similarity that brings all common centres nearest to the true ones. ``"robust"``: those
-        that agree on one, more than half. ``"none"``: the model is in the truth's world.
+        that agree on one, more than half. ``"none"``: the model is in the truth's world, but for its origin
+        where both tell theirs.
     with_scale : bool
         Whether the alignment changes the scale.
     align_by : str
@@ -190,7 +193,8 @@ def evaluate_model(
     Raises
     ------
     InvalidArgument
-        If an option breaks its rule, no image is in both, or their poses do not determine the alignment.
+        If an option breaks its rule, no image is in both, their poses do not determine the alignment, or,
+        without one, the origin of one is geodetic and that of the other is not.
     DatasetError
         If a path cannot be read.
     """
@@ -258,6 +262,11 @@ def _measured(
     elif rule.mode == "none":
         used[:] = False
     alignment = _alignment(estimate[used], truth[used], rule, with_scale, by)
+    notes = [matched.note]
+    if rule.mode == "none" and model.origin is not None and true.origin is not None:
+        alignment = replace(alignment, similarity=between_origins(model.origin, true.origin))
+    elif rule.mode == "none" and (model.origin is not None or true.origin is not None):
+        notes.append(_ONE_ORIGIN)
     aligned = alignment.similarity.apply_to_poses(estimate)
     placed = np.full((len(true), 3, 4), np.nan)
     placed[rows] = aligned
@@ -271,7 +280,7 @@ def _measured(
         alignment,
         used,
         relative_pose_errors_deg(placed, true.poses),
-        matched.note,
+        "; ".join(note for note in notes if note),
     )
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp import Problem, circle_scene
 from sfmcpp.map import map_of_problem, problem_of_map, read_map, write_map
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.colmap.tables import CameraTable, ImageTable, PointTable, Tables
 
@@ -197,3 +198,17 @@ def test_a_map_tells_its_size() -> None:
     world.poses[0] = np.nan
     world.remove_points([3])
     assert repr(world) == "Map('calibrated': 5 images, 4 with a pose, 39 points)"
+
+
+@pytest.mark.parametrize("geodetic", [True, False])
+@pytest.mark.parametrize("name", ["model", "model.npz"])
+def test_the_origin_of_the_world_is_kept(tmp_path: Path, name: str, geodetic: bool) -> None:
+    scene = circle_scene(4, 30, seed=0)
+    WorldOrigin(np.array([46.8, -92.0, 198.0]), geodetic).put_into(scene.metadata)
+    world = map_of_problem(scene)
+    write_map(world, tmp_path / name)
+    again = read_map(tmp_path / name).origin
+    assert again is not None
+    assert again.geodetic == geodetic
+    np.testing.assert_array_equal(again.place, [46.8, -92.0, 198.0])
+    assert map_of_problem(circle_scene(4, 30, seed=0)).origin is None

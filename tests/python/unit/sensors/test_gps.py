@@ -127,6 +127,17 @@ def test_smoothing_halves_white_noise_of_ten_positions_a_second_and_keeps_a_para
     assert smooth.std() < 0.55
 
 
+@pytest.mark.parametrize("rate_hz", [5, 6, 10, 18, 25])
+@pytest.mark.parametrize("start_s", [100.123, 1.7e9])
+def test_positions_are_smoothed_alike_whatever_the_clock_is(start_s: float, rate_hz: int) -> None:
+    t_s = np.arange(20 * rate_hz) / rate_hz
+    way = np.outer(t_s, [8.0, 1.0, 0.0]) + 0.3 * np.random.default_rng(0).normal(size=(len(t_s), 3))
+    from_zero, later = (
+        smoothed_positions(SensorStream(t, way, "position"), 0.5).values for t in (t_s, start_s + t_s)
+    )
+    np.testing.assert_allclose(later, from_zero, atol=1e-5)
+
+
 def test_exact_positions_at_a_corner_are_left_alone() -> None:
     t_s = np.arange(0.0, 10.0, 0.1)
     corner = np.stack([8 * np.minimum(t_s, 5), 8 * np.maximum(t_s - 5, 0), 0 * t_s], axis=1)

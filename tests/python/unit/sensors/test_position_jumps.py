@@ -131,3 +131,15 @@ def test_a_sigma_of_leaps_is_a_length(sigma_m: float) -> None:
     stream.values[20] = -6e6
     with pytest.raises(InvalidArgument, match="sigma_m"):
         without_leaps(stream, sigma_m)
+
+
+@pytest.mark.parametrize("start_s", [37.7, 100.123, 1_317_384_506.4, 1.7e9])
+def test_the_same_positions_are_displaced_whatever_the_clock_is(start_s: float) -> None:
+    rng = np.random.default_rng(0)
+    for seed in range(40):
+        t_s, places = winding_way()
+        first = int(rng.integers(20, 250))
+        places[first : first + int(rng.integers(3, 18))] += 4 * rng.normal(size=3)
+        np.testing.assert_array_equal(
+            found(start_s + t_s, places, seed, 0.5), found(t_s, places, seed, 0.5), err_msg=str(seed)
+        )

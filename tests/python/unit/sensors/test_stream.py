@@ -128,6 +128,22 @@ def test_the_longest_gap_that_is_bridged_is_the_callers() -> None:
         speeds(max_gap_s=-1.0)
 
 
+@pytest.mark.parametrize("start_s", [0.0, 5.0, 100.123, 1_317_384_506.4, 1.7e9])
+@pytest.mark.parametrize("rate_hz", [10, 20, 25, 50, 100, 200])
+def test_four_missing_samples_are_bridged_and_five_are_not_whatever_the_clock_is(
+    rate_hz: int, start_s: float
+) -> None:
+    t_s = start_s + np.arange(400) / rate_hz
+    for first in range(20, 380, 7):
+        four, five = (speeds(np.delete(t_s, np.arange(first, first + count))) for count in (4, 5))
+        assert four.gaps() == ()
+        assert four.covers(t_s[first - 1], t_s[first + 4])
+        assert len(five.gaps()) == 1
+    given = speeds(np.delete(t_s, np.arange(200, 204)), max_gap_s=5 / rate_hz)
+    assert given.gaps() == ()
+    assert given.covers(t_s[-1], t_s[-1] + 5 / rate_hz)
+
+
 def test_beyond_its_ends_a_stream_predicts_up_to_its_longest_gap() -> None:
     stream = speeds()
     assert travelled_distance(stream, 1.9, 2.4) == pytest.approx(5.0)

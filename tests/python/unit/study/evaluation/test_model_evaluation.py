@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ import sfmcpp
 from model_helpers import AWAY, moved, named, true_poses
 from sfmcpp import DatasetError, InvalidArgument, Metadata, Problem
 from sfmcpp.geometry.so3 import exp
-from sfmcpp.map import Map
+from sfmcpp.map import Map, map_of_problem
+from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.sensors import east_north_up, geodetic_of
 from sfmcpp.study.evaluation import ImagePoses, evaluate_model, read_image_poses, read_truth
 
 
@@ -243,3 +246,47 @@ def test_strechas_truth_agrees_with_itself_as_a_colmap_model(data_dir: Path, tmp
     assert (len(found.names), found.missing) == (11, ())
     assert found.centre_errors.max() < 1e-9
     assert found.auc(1) == pytest.approx(1, abs=1e-5)
+
+
+def test_without_alignment_the_origins_of_both_worlds_count() -> None:
+    site = [46.8, -92.0, 198.0]
+    poses = true_poses()
+    places = geodetic_of(poses[:, :, 3], site)
+    for origin in ([46.81, -92.02, 150.0], [46.8, -91.9999, 198.0], site):
+        centres = east_north_up(places, origin)
+        # The axes of the other world, from three places a metre apart.
+        steps = geodetic_of(np.concatenate([np.zeros((1, 3)), np.eye(3)]), site)
+        axes = np.diff(east_north_up(steps, origin)[[0, 1, 0, 2, 0, 3]], axis=0)[::2].T
+        model = named(np.concatenate([axes @ poses[:, :, :3], centres[:, :, None]], axis=2))
+        ours, true = (
+            replace(images, origin=WorldOrigin(np.array(place), geodetic=True))
+            for images, place in ((model, origin), (named(poses), site))
+        )
+        found = evaluate_model(ours, true, align_to="none")
+        assert found.centre_errors.max() < 1e-6
+        assert found.rotation_errors_deg.max() < 1e-5
+        assert found.note == ""
+
+
+def test_without_alignment_an_origin_that_one_alone_tells_is_noted_and_one_of_another_kind_refused() -> None:
+    truth = named(true_poses())
+    far = replace(named(truth.poses), origin=WorldOrigin(np.array([5e5, 4e6, 0.0]), geodetic=False))
+    near = replace(named(truth.poses), origin=WorldOrigin(np.array([5e5, 3.999e6, 0.0]), geodetic=False))
+    assert evaluate_model(far, near, align_to="none").centre_errors == pytest.approx([1000.0] * 9)
+    alone = evaluate_model(far, truth, align_to="none")
+    assert "the origin of the world is told by one of both alone" in alone.note
+    assert alone.centre_errors.max() == 0
+    assert evaluate_model(far, truth).note == ""
+    other = replace(truth, origin=WorldOrigin(np.zeros(3), geodetic=True))
+    with pytest.raises(InvalidArgument, match="origin: that of one world is x, y, z, of the other"):
+        evaluate_model(far, other, align_to="none")
+
+
+def test_problems_and_maps_tell_the_origin_of_their_world() -> None:
+    model, moved_by = problem_of(named(true_poses())), np.array([1000.0, -2000.0, 0.0])
+    WorldOrigin(np.zeros(3), geodetic=False).put_into(model.metadata)
+    other = model.copy()
+    other.cameras[:, :, 3] -= moved_by
+    WorldOrigin(moved_by, geodetic=False).put_into(other.metadata)
+    for truth in (other, map_of_problem(other)):
+        assert evaluate_model(model, truth, align_to="none").centre_errors.max() < 1e-9
