@@ -132,7 +132,8 @@ def pose_inliers(
     (N,) bool
     """
     intrinsics = intrinsics_row("intrinsics", intrinsics)
-    x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
+    with np.errstate(invalid="ignore"):  # points at infinity
+        x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
     in_front = depth > 0
     depth = np.where(in_front, depth, 1.0)
     offset_px = to_pixels(np.column_stack([x / depth, y / depth]), intrinsics) - pixels
