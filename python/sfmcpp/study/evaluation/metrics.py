@@ -296,7 +296,7 @@ def auc(errors_deg: FloatArray, threshold_deg: float) -> float:
 
 def _errors_from(row: int, estimate: FloatArray, truth: FloatArray, no_baseline: float) -> FloatArray:
     """Errors (n − row − 1,) of the pairs of an image and all after it."""
-    missing = ~np.isfinite(estimate[row:]).all(axis=(1, 2))
+    missing = np.logical_not(np.isfinite(estimate[row:]).all(axis=(1, 2)))
     with np.errstate(invalid="ignore"):
         ours, true = (relative_poses(poses[row : row + 1], poses[row + 1 :]) for poses in (estimate, truth))
         turn = rotation_angle(np.swapaxes(true[:, :, :3], 1, 2) @ ours[:, :, :3])
