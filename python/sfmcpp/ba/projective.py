@@ -14,7 +14,7 @@ from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import ANY, FloatArray, index_array, numbers_below, shaped_array
+from sfmcpp.model.arrays import ANY, FloatArray, finite_array, index_array, numbers_below
 
 
 @checked(projections=(ANY, 3, 4), sigma_px=(ANY,), covariance_px2=(ANY, 2, 2))
@@ -58,13 +58,13 @@ def projective_problem(
     Raises
     ------
     InvalidArgument
-        If a shape is wrong, an index is out of range, a matrix or a point is zero or not finite, or both
-        `sigma_px` and `covariance_px2` are given.
+        If a shape is wrong, an index is out of range, a pixel is not finite, a matrix or a point is zero or
+        not finite, or both `sigma_px` and `covariance_px2` are given.
     """
     matrices = np.asarray(projections)
     homogeneous = _homogeneous(np.asarray(points, dtype=np.float64))
     cameras = index_array("camera_index", camera_index)
-    seen = shaped_array("pixels", np.zeros((0, 2)) if not np.size(pixels) else pixels, (ANY, 2))
+    seen = finite_array("pixels", np.zeros((0, 2)) if not np.size(pixels) else pixels, (ANY, 2))
     if len(seen) != len(cameras):
         raise InvalidArgument(f"pixels: {len(seen)} rows for {len(cameras)} observations")
     numbers_below("camera_index", cameras, len(matrices))
@@ -147,7 +147,7 @@ def _homogeneous(points: FloatArray) -> FloatArray:
 
 
 def _unit_rows(name: str, values: FloatArray) -> FloatArray:
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), int(np.prod(values.shape[1:])))
     norms = np.linalg.norm(flat, axis=1)
     good = np.isfinite(norms) & (norms > 0)
     if not good.all():

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp.geometry import so3
+from sfmcpp.geometry._lines import turn_is_open
 from sfmcpp.geometry._poselib import (
     RansacOptions,
     absolute_camera,
@@ -85,7 +86,8 @@ def resection_with_focal(
     Failures, named in the result, all with a camera that is not a number:
 
     - ``"too few matches"``: fewer than `min_inliers`.
-    - ``"collinear points"``: all points lie on a line, round which the camera may turn.
+    - ``"collinear points"``: all points that the pose explains, or all but one, lie on a line or so near it
+      that the camera may turn round it by more than 3° (one standard deviation).
     - ``"too few inliers"``: no pose agrees with enough matches.
     - ``"open focal length"``: its standard deviation is above `max_focal_sigma`, as with points at one depth.
 
@@ -147,7 +149,10 @@ def resection_with_focal(
     least = max(min_inliers, math.ceil(min_inlier_ratio * len(world)))
     if np.count_nonzero(inliers) < least:
         return _failed(len(world), *too_few("inliers", int(np.count_nonzero(inliers)), least))
-    sigma = _focal_sigma(view.select(inliers), camera, focal)
+    explained = view.select(inliers)
+    if _may_turn(explained, camera, focal, threshold_px):
+        return _failed(len(world), "collinear points", f"{len(explained.points)} inliers near one line")
+    sigma = _focal_sigma(explained, camera, focal)
     if not sigma <= max_focal_sigma:
         reason = f"focal length within {sigma:.2g} of it: must be at most {max_focal_sigma:g}"
         return _failed(len(world), "open focal length", reason)
@@ -155,6 +160,12 @@ def resection_with_focal(
     focal *= row[0] / guess
     camera = np.column_stack([camera[:, :3], origin + length * camera[:, 3]])
     return FocalPoseEstimate(camera, inliers, "", "", focal, sigma * focal)
+
+
+def _may_turn(view: _View, camera: FloatArray, focal: float, threshold_px: float) -> bool:
+    """Whether the points of a view lie so near one line that its pose is open."""
+    depths = (view.points - camera[:, 3]) @ camera[:, 2]
+    return turn_is_open(view.points, depths, view.errors_px(camera, focal), focal, threshold_px)
 
 
 def _failed(count: int, failure: str, message: str) -> FocalPoseEstimate:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp.geometry._lines import pose_is_open
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry._poselib import RansacOptions, refined_relative_camera, relative_camera
 from sfmcpp.geometry.pose_estimate import PoseEstimate, too_few, unknown_camera
@@ -68,6 +69,8 @@ def relative_pose(
     - ``"rotation only"``: a rotation alone explains the matches up to a median parallax below
       `min_parallax_px`. The camera has that rotation and its centre at the origin.
     - ``"too few inliers"``: no pose agrees with enough matches. The camera is not a number.
+    - ``"collinear matches"``: all inliers, or all but two, lie on one line in either image, or so near it
+      that they leave the pose open. The camera is not a number.
     - ``"ambiguous"``: another pose, turned by more than 3°, fits nearly as well (see
       :func:`sfmcpp.geometry.relative_pose.best_and_rivals`). The camera is the best of them.
 
@@ -127,8 +130,17 @@ def relative_pose(
         return _failed(matches, *too_few("inliers", int(np.count_nonzero(inliers)), least))
     if np.median(parallax_px[inliers]) < min_parallax_px:
         return _rotation_only_pose(rotation, inliers, parallax_px, min_parallax_px)
+    if is_open(matches, camera, inliers, threshold_px):
+        reason = f"{np.count_nonzero(inliers)} inliers near one line in either image: they fit many poses"
+        return _failed(matches, "collinear matches", reason)
     camera, rivals = best_and_rivals(matches, camera, rotation, options)
     return _successful_pose(matches, camera, rivals, threshold_px)
+
+
+def is_open(matches: Matches, camera: FloatArray, inliers: BoolArray, threshold_px: float) -> bool:
+    """Whether five or more `inliers` of a second camera lie so near one line that they leave it open."""
+    chosen = matches.select(inliers)
+    return pose_is_open(chosen.rays, chosen.errors_px(camera), matches.focal_px, threshold_px)
 
 
 def _successful_pose(

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp.geometry._lines import turn_is_open
 from sfmcpp.geometry._poselib import RansacOptions, absolute_camera
-from sfmcpp.geometry.pinhole import intrinsics_row, to_pixels
+from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_pixels
 from sfmcpp.geometry.pose_estimate import PoseEstimate, failed_pose, pose_with_inliers, too_few
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array
@@ -38,7 +39,8 @@ def resection(
     Failures, named in the result, all with a camera that is not a number:
 
     - ``"too few matches"``: fewer than `min_inliers`.
-    - ``"collinear points"``: all points lie on a line, round which the camera may turn.
+    - ``"collinear points"``: all points that the pose explains, or all but one, lie on a line or so near it
+      that the camera may turn round it by more than 3° (one standard deviation).
     - ``"too few inliers"``: no pose agrees with enough matches.
 
     Parameters
@@ -89,7 +91,21 @@ def resection(
     camera = absolute_camera(world, images, row, options)
     inliers = pose_inliers(camera, world, images, row, threshold_px)
     least = max(min_inliers, math.ceil(min_inlier_ratio * len(world)))
+    if np.count_nonzero(inliers) >= least and _may_turn(
+        camera, world[inliers], images[inliers], row, threshold_px
+    ):
+        reason = f"{np.count_nonzero(inliers)} inliers near one line: the camera may turn round it"
+        return failed_pose(len(world), "collinear points", reason)
     return pose_with_inliers(camera, inliers, least)
+
+
+def _may_turn(
+    camera: FloatArray, points: FloatArray, pixels: FloatArray, row: FloatArray, threshold_px: float
+) -> bool:
+    """Whether the inliers of a pose lie so near one line that it is open."""
+    x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
+    errors_px = np.linalg.norm(to_pixels(np.column_stack([x, y]) / depth[:, None], row) - pixels, axis=1)
+    return turn_is_open(points, depth, errors_px, mean_focal_px(row), threshold_px)
 
 
 @checked(camera=(3, 4), points=("n", 3), pixels=("n", 2), intrinsics=(ANY,))
@@ -116,7 +132,8 @@ def pose_inliers(
     (N,) bool
     """
     intrinsics = intrinsics_row("intrinsics", intrinsics)
-    x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
+    with np.errstate(invalid="ignore"):  # points at infinity
+        x, y, depth = ((points - camera[:, 3]) @ camera[:, :3]).T
     in_front = depth > 0
     depth = np.where(in_front, depth, 1.0)
     offset_px = to_pixels(np.column_stack([x / depth, y / depth]), intrinsics) - pixels

@@ -197,7 +197,7 @@ def refine_points(problem: Problem, points: FloatArray, *, max_steps: int = 20) 
 def _costs(problem: Problem, points: FloatArray) -> FloatArray:
     """(N,) sum of squared weighted errors of each point; infinite where it is not in front of all cameras."""
     in_camera = points_in_cameras(problem, points)
-    in_front = in_camera[:, 2] > 0
+    in_front = (in_camera[:, 2] > 0) & np.isfinite(in_camera).all(axis=1)
     in_camera[~in_front] = 1.0
     squares = (_residuals(problem, in_camera) ** 2).sum(axis=1)
     return np.asarray(sum_by_point(problem, np.where(in_front, squares, np.inf)[:, None])[:, 0])

@@ -21,7 +21,7 @@ from sfmcpp.geometry._poselib import RansacOptions, relative_camera
 from sfmcpp.geometry._significance import chance_near_line, least_significant
 from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
 from sfmcpp.geometry.pose_estimate import unknown_camera
-from sfmcpp.geometry.relative_pose import ambiguity_message, best_and_rivals
+from sfmcpp.geometry.relative_pose import ambiguity_message, best_and_rivals, is_open
 from sfmcpp.geometry.rotation_fit import angles_rad
 from sfmcpp.geometry.two_view_matrices import (
     fundamental_linear,
@@ -214,6 +214,10 @@ def _planar_or_rotation(
     inliers = _epipolar_inliers(matches, camera, options.threshold_px)
     if np.count_nonzero(inliers) < _LEAST_PART_OF_POSE * np.count_nonzero(flat):
         return _uncalibrated_planar(flat, homography)
+    both = inliers & matches.inliers(camera, options.threshold_px)
+    if np.count_nonzero(both) >= _FIVE_POINTS and is_open(matches, camera, both, options.threshold_px):
+        message = "the matches lie on one line: neither a plane nor a pose is known"
+        return replace(_uncalibrated_planar(flat, homography), message=message)
     message = "one homography explains the matches: a plane, or too little depth variation"
     if len(rivals):
         message += "; " + ambiguity_message(camera, rivals)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry._poselib import RansacOptions, fundamental_by_ransac, homography_by_ransac
 from sfmcpp.geometry._significance import (
     chance_near_line,
@@ -21,7 +22,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count
 
-SEVEN_POINTS, FOUR_POINTS = 7, 4
+EIGHT_POINTS, SEVEN_POINTS, FOUR_POINTS = 8, 7, 4
 
 
 def homography_errors_px(
@@ -222,7 +223,15 @@ def fundamental_linear(pixels_1: FloatArray, pixels_2: FloatArray) -> FloatArray
     -------
     (3, 3) float64
         ``F`` with ``(u₁, v₁, 1) F (u₂, v₂, 1)ᵀ = 0``, of norm one and rank two.
+
+    Raises
+    ------
+    InvalidArgument
+        If a shape is wrong, a number is not finite, or there are fewer than eight matches.
     """
+    pixels_1, pixels_2 = _checked(pixels_1, pixels_2)
+    if len(pixels_1) < EIGHT_POINTS:
+        raise InvalidArgument(f"pixels_1: {len(pixels_1)} matches, must be at least {EIGHT_POINTS}")
     scaling_1, scaling_2 = _isotropic_normalisation(pixels_1), _isotropic_normalisation(pixels_2)
     x_1, x_2 = homogeneous(pixels_1) @ scaling_1.T, homogeneous(pixels_2) @ scaling_2.T
     rows = (x_1[:, :, None] * x_2[:, None, :]).reshape(-1, 9)

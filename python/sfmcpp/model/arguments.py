@@ -140,7 +140,8 @@ def _is_plain_protocol(hint: type) -> bool:
 
 def _any_rule(hints: Sequence[Any]) -> Rule:
     optional = type(None) in hints
-    rules = [_rule(hint) for hint in hints if hint is not type(None)]
+    paths = any(get_origin(hint) is os.PathLike for hint in hints)  # the rule of which is for texts, too
+    rules = [_rule(hint) for hint in hints if hint is not type(None) and not (paths and hint is str)]
 
     def rule(name: str, value: Any) -> Any:
         if optional and value is None:
@@ -240,8 +241,10 @@ def _threads(name: str, value: Any) -> Any:
 
 
 def _path(name: str, value: Any) -> Any:
-    if not isinstance(value, str | os.PathLike):
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
         raise InvalidArgument(f"{name} = {value!r}: must be a path")
+    if not os.fspath(value):  # of which pathlib would make the working directory
+        raise InvalidArgument(f"{name} = {value!r}: must not be empty")
     return value
 
 

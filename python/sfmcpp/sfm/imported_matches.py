@@ -229,6 +229,7 @@ def _checked_numbers(name: str, found: ArrayLike, counts: tuple[int, int]) -> Ma
     return values.astype(np.int32)
 
 
+@checked()
 def match_graph_of_database(
     path: str | PathLike[str],
     *,

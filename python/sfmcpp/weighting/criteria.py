@@ -172,7 +172,7 @@ def lowest(scores: FloatArray, admissible: BoolArray) -> int:
         The index.
     """
     candidates = np.where((admissible != 0) & np.isfinite(scores), scores, np.inf)
-    best = candidates.min()
+    best = candidates.min(initial=np.inf)
     if not np.isfinite(best):
         return 0
     return int(np.flatnonzero(candidates <= best + _TIE * abs(best))[0])

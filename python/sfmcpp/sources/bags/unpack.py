@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.model.arguments import checked
 from sfmcpp.sources.bags.container import Bag, Topic, open_bag
 from sfmcpp.sources.bags.messages import (
     CAMERA,
@@ -85,6 +86,7 @@ class UnpackedBag:
         return [name for name in COLUMNS if name in self.topics]
 
 
+@checked()
 def unpack_bag(
     path: str | PathLike[str],
     folder: str | PathLike[str],

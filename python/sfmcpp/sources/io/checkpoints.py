@@ -17,6 +17,7 @@ import zipfile
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,7 @@ class CheckpointFolder:
     """
 
     @checked()
-    def __init__(self, path: str | Path, every_s: float = 60.0) -> None:
+    def __init__(self, path: str | PathLike[str], every_s: float = 60.0) -> None:
         if not every_s >= 0.0:
             raise InvalidArgument(f"every_s = {every_s!r}: must be a number of seconds, not negative")
         self.path = Path(path)

@@ -19,6 +19,7 @@ from os import PathLike
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.model.arguments import checked
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, with_decimal_points
 from sfmcpp.sources.io.position_columns import (
     NumberedLine,
@@ -91,6 +92,7 @@ class ControlPoints:
     checks: Set[int] = frozenset()
 
 
+@checked()
 def read_control_points(path: str | PathLike[str]) -> ControlPoints:
     """Read ground control points and their marks.
 

@@ -186,6 +186,7 @@ def hide_observations(problem: Problem, share: float, *, pattern: str = "runs", 
 
 
 def _seen_in_runs(problem: Problem, length: int, rng: np.random.Generator) -> BoolArray:
-    first = rng.integers(0, problem.num_cameras, problem.num_points)
-    since = (problem.camera_index - first[problem.point_index]) % problem.num_cameras
+    count = max(problem.num_cameras, 1)
+    first = rng.integers(0, count, problem.num_points)
+    since = (problem.camera_index - first[problem.point_index]) % count
     return np.asarray(since < length)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.vision.images import (
     GreyImage,
@@ -74,6 +75,7 @@ class Frames(ABC):
         return enumerate(self)
 
 
+@checked()
 def open_frames(path: str | PathLike[str]) -> Frames:
     """Open a folder of images or a video.
 

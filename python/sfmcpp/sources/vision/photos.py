@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.photos import Photo, natural_order
 from sfmcpp.sources.io.checks import fault_of_image_name
@@ -65,6 +66,7 @@ class PhotoFolder:
     videos: list[str] = field(default_factory=list)
 
 
+@checked()
 def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | None = None) -> PhotoFolder:
     """Find the photos in a folder and in the folders below it; read their sizes and EXIF blocks.
 

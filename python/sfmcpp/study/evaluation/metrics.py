@@ -76,7 +76,14 @@ def mean_3d_error(estimate: FloatArray, truth: FloatArray) -> float:
     -------
     float
         [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If there is no pose.
     """
+    if not len(estimate):
+        raise InvalidArgument("estimate: 0 poses, must be at least one")
     return float(np.mean(_distances(estimate, truth)))
 
 
@@ -245,6 +252,8 @@ def relative_pose_errors_deg(estimate: FloatArray, truth: FloatArray) -> FloatAr
         The direction is that from one centre to the other, in the frame of the first image; it has no error
         where the true centres are the same, and 180° where only the estimated ones are.
     """
+    if not len(truth):
+        return np.empty(0)
     spread = float(np.ptp(truth[:, :, 3], axis=0).max(initial=0.0))
     rows = [_errors_from(row, estimate, truth, _NO_BASELINE * spread) for row in range(len(truth) - 1)]
     return np.concatenate([np.empty(0), *rows])
@@ -287,7 +296,7 @@ def auc(errors_deg: FloatArray, threshold_deg: float) -> float:
 
 def _errors_from(row: int, estimate: FloatArray, truth: FloatArray, no_baseline: float) -> FloatArray:
     """Errors (n − row − 1,) of the pairs of an image and all after it."""
-    missing = np.isnan(estimate[row:, 0, 0])
+    missing = np.logical_not(np.isfinite(estimate[row:]).all(axis=(1, 2)))
     with np.errstate(invalid="ignore"):
         ours, true = (relative_poses(poses[row : row + 1], poses[row + 1 :]) for poses in (estimate, truth))
         turn = rotation_angle(np.swapaxes(true[:, :, :3], 1, 2) @ ours[:, :, :3])
