@@ -188,9 +188,9 @@ def _report_and_print(
         targets = job.targets if is_written else replace(job.targets, covariances=None)
         print_summary(job.source, size, summary, seconds_read, targets, (*world, *precise))
     if known is not None and known.is_interrupted and not complaints:
-        print_note("interrupted: the covariances are not written, all else is")
+        print_note(f"interrupted: {known.loss}, all else is")
         return ExitCode.INTERRUPTED
-    return _exit_code(job, summary, complaints)
+    return _exit_code(job, summary, complaints, "" if known is None else known.loss)
 
 
 def _world_rows(outcome: GpsOutcome | ControlOutcome) -> Iterator[tuple[str, str]]:
@@ -300,14 +300,16 @@ def _write_complaints(step: Callable[[Path], None], path: Path | None) -> list[D
     return []
 
 
-def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError]) -> ExitCode:
+def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError], loss: str = "") -> ExitCode:
+    """Tell what went wrong; `loss` is what is missing of the results where a solve came to no end."""
     if complaints:
         return print_error("; ".join(map(str, complaints)))
+    also = f"; {loss}" if loss else ""
     if summary.termination == "numerical_failure":
-        print_note(f"error: {job.source}: numerical failure: {summary.message}")
+        print_note(f"error: {job.source}: numerical failure: {summary.message}{also}")
         return ExitCode.NUMERICAL_FAILURE
     if summary.termination == "interrupted":
-        print_note(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}")
+        print_note(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}{also}")
         return ExitCode.INTERRUPTED
     return ExitCode.DONE
 
