@@ -177,6 +177,8 @@ class SlamReport(ReportTable):
             error, length = comparison.mean_3d_error_m, comparison.truth.length_m
             scale = comparison.alignment.similarity.scale
             yield "mean 3-D error", f"{error:.4g} m of {length:.4g} m, {self.alignment}, scale {scale:.4g}"
+            if comparison.warning:
+                yield "warning", comparison.warning
         if self.in_metres is not None:
             yield "in metres", f"{self.in_metres.mean_3d_error_m:.4g} m, with its own scale"
         if self.drift is not None:
