@@ -91,17 +91,17 @@ def adjust(
     doubtful = list(_function_warnings(problem, constraints))
     given = number_array("intrinsics", problem.intrinsics).copy()
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
-    summary = _summary(core, options)
+    unit = unit_of_residuals([has_own_sigmas(arrays)])
+    summary = replace(_summary(core, options), rms_unit=unit)
     about_loss = loss_weight_warnings(arrays, summary)
     calibration = warnings_about_calibration(problem, given)
-    unit = unit_of_residuals([has_own_sigmas(arrays)])
     if unit == "px" and not calibration:  # which explains the result
         calibration += warnings_about_result(problem, summary)
     about_sigmas = warnings_about_sigmas(summary, problem.sigma_px)
     about_input = with_ids_of_points(summary.warnings, problem)
     about_run = [*about_sigmas, *about_loss, *checkpoints.warnings]
     warnings = [*about_input, *doubtful, *calibration, *about_run]
-    return replace(summary, warnings=warnings, rms_unit=unit)
+    return replace(summary, warnings=warnings)
 
 
 def adjust_on_ranks(
@@ -161,15 +161,15 @@ def adjust_on_ranks(
         core = _core.solve(arrays, own, listener, *_save_and_resume(checkpoints), exchange)
         parts.collect()
         ranks.agreed(listener.reraise)
-        summary = _summary(core, options)
-        loads = ranks.everyones(_rank_load(parts.mine, core, exchange))
         unit = unit_of_residuals(ranks.everyones(has_own_sigmas(arrays)))
+        summary = replace(_summary(core, options), rms_unit=unit)
+        loads = ranks.everyones(_rank_load(parts.mine, core, exchange))
         iterations = listener.all_with_bytes(summary.iterations)
         about_loss = loss_weight_warnings(arrays, summary, ranks)
         if summary.termination == "interrupted":
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
-    return replace(summary, iterations=iterations, ranks=loads, warnings=warnings, rms_unit=unit)
+    return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
 
 
 def _function_warnings(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
@@ -314,7 +314,7 @@ def loss_weight_warnings(arrays: dict[str, Any], summary: Summary, ranks: Ranks 
     if little <= _LARGEST_SHARE * count:
         return []
     instead = "" if summary.loss == "auto" else ', or loss "auto"'
-    share, scale = f"{little / count:.0%}", f"{summary.loss_scale_px:.4g} px"
+    share, scale = f"{little / count:.0%}", f"{summary.loss_scale_px:.4g} {summary.rms_unit}"
     return [
         f"{share} of the observations are beyond the scale of the loss ({scale}) and have less than a tenth "
         f"of their weight: start from a better state, with a larger scale{instead}"

@@ -195,7 +195,7 @@ class Summary:
     linear_solver_changes : list of LinearSolverChange
         Changes of the solver during the run, in order.
     loss_scale_px : float
-        Scale of the loss, as given or as estimated.
+        Scale of the loss, as given or as estimated, in `rms_unit`: residuals are over their σ.
     threads : int
         Threads used.
     seconds_setup, seconds_total : float
@@ -296,6 +296,10 @@ class Summary:
         """The same as a table, for notebooks."""
         return html_table(self._rows())
 
+    @property
+    def _scale(self) -> str:
+        return f"{self.loss_scale_px:.4g} {self.rms_unit}"
+
     def describe_steps(self) -> str:
         """How many steps were tried, accepted, and made with the intrinsics held."""
         steps = self.iterations[1:]
@@ -316,7 +320,7 @@ class Summary:
             ("iterations", self.describe_steps()),
             ("method", f"{self.method}, line search {self.line_search}, point steps {self.point_steps}"),
             ("linear solver", f"{self.linear_solver}, {self.threads} thread{'s' * (self.threads != 1)}"),
-            ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self.loss_scale_px:.4g} px"),
+            ("loss", self.loss if self.loss == "squared" else f"{self.loss}, {self._scale}"),
             ("seconds", f"{self.seconds_total:.4g}"),
         ]
         return rows + [("warning", warning) for warning in self.warnings]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +14,7 @@ from sfmcpp.sources.io.control_points import SURVEY_SIGMA_M, ControlPoints, read
 from sfmcpp.sources.io.position_files import require_positions_format
 
 if TYPE_CHECKING:
-    from sfmcpp.sfm.control_points import Controlled
+    from sfmcpp.sfm.control_points import Controlled, ControlOutcome
 
 
 @dataclass(frozen=True)
@@ -77,3 +78,12 @@ class Control:
     def _points(self) -> ControlPoints:
         assert self.source is not None
         return read_control_points(self.source)
+
+
+def control_after_solve(found: Controlled | None) -> Callable[[], ControlOutcome | None]:
+    """How a problem fits its surveyed points as it is when this is called: after a further solve."""
+    if found is None:
+        return lambda: None
+    problem, outcome = found.problem, found.outcome
+    before = problem.points[-len(outcome.names) :].copy()
+    return lambda: outcome.moved(problem, problem.points[-len(before) :] - before)

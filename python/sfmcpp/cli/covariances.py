@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 # A state that is no minimum has no covariances.
 _NO_MINIMUM = ("interrupted", "numerical_failure")
+# One where a limit ended the solve may be one: --max-iterations 0 leaves that of an earlier solve as it is.
+_PERHAPS_NO_MINIMUM = ("max_iterations", "max_seconds", "stalled")
 
 
 class Precision:
@@ -24,7 +26,7 @@ class Precision:
 
     def __init__(self) -> None:
         self._found: Covariances | None = None
-        self._reason = ""
+        self._reason = self._doubt = ""
         self.is_interrupted = self.is_written = False
 
     def write(
@@ -48,6 +50,8 @@ class Precision:
         if summary.termination in _NO_MINIMUM:
             self._reason = f"not written: the solve ended by {summary.termination}, at no minimum"
             return
+        if summary.termination in _PERHAPS_NO_MINIMUM:
+            self._doubt = f"are right at a minimum alone, and the solve ended by {summary.termination}"
 
         def found() -> Covariances:
             model = linearize(
@@ -71,8 +75,17 @@ class Precision:
         self.is_written = True
 
     def to_report(self) -> dict[str, Any]:
-        """Entries of the report of a solve."""
-        return {} if self._found is None else {"covariances": self._found.to_dict()}
+        """Entries of the report of a solve; a file that was asked for and is not written has its reason."""
+        if self._found is None and not self._reason:
+            return {}
+        told = {"written": self.is_written} | ({} if self._found is None else self._found.to_dict())
+        told |= {name: text for name, text in (("reason", self._reason), ("doubt", self._doubt)) if text}
+        return {"covariances": told}
+
+    @property
+    def loss(self) -> str:
+        """What is to be said of a solve that came to no minimum; empty where nothing is missing."""
+        return "the covariances are not written" if self._reason else ""
 
     def rows(self) -> Iterator[tuple[str, str]]:
         """Rows of the table at the end of a solve."""
@@ -81,6 +94,8 @@ class Precision:
         if self._found is None:
             return
         yield "covariances", f"refer to {self._found.gauge}"
+        if self._doubt:
+            yield "covariances", self._doubt
         if not self._found.has_points:
             yield "covariances", "of cameras alone: the points are too many, or none is estimated"
         factor = self._found.variance_factor

@@ -104,7 +104,7 @@ def _method_text(summary: Summary, seconds_read: float) -> Iterator[Row]:
     search = "" if summary.line_search == "none" else f", line search {summary.line_search}"
     yield "method", f"{summary.method}{search}, {threads}"
     if summary.loss != "squared":
-        yield "loss", f"{summary.loss}, scale {summary.loss_scale_px:.4g} px"
+        yield "loss", f"{summary.loss}, scale {summary.loss_scale_px:.4g} {summary.rms_unit}"
     yield "linear solver", f"{summary.linear_solver} ({_why(summary)})"
     for change in summary.linear_solver_changes:
         yield "linear solver", f"{change.solver} from step {change.solves + 1} ({change.reason})"

@@ -162,8 +162,7 @@ def _rows(trajectory: Path, truth: Path, found: Evaluation, targets: Targets) ->
     over = f"RPE over {found.rpe_delta[0]:g} {found.rpe_delta[1]}"
     for title, errors in (("APE", content["ape"]), (over, content["rpe"])):
         yield from (("", line) for line in ("", *_error_table(title, errors)))
-    if alignment.warning:
-        yield "warning", alignment.warning
+    yield from (("warning", text) for text in (found.warning, alignment.warning) if text)
     yield from (("written", str(path)) for path in targets)
 
 

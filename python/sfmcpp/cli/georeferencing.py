@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -95,6 +96,16 @@ class Gps:
 
             return exif_positions_of_folder(self.source)
         return read_position_csv(self.source, numbered=True)
+
+
+def outcome_after_solve(found: Georeferenced | None, problem: Problem) -> Callable[[], GpsOutcome | None]:
+    """What positions tell of a problem as it is when this is called: after a further solve."""
+    if found is None:
+        return lambda: None
+    from sfmcpp.sfm.georeference import image_names
+
+    before, outcome = problem.centres.copy(), found.outcome
+    return lambda: outcome.moved(image_names(problem), problem.centres - before)
 
 
 def write_camera_positions(path: Path, problem: Problem, gps: GpsOutcome | None) -> None:

@@ -15,10 +15,10 @@ from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.console import ExitCode, print_error, print_note
-from sfmcpp.cli.control import Control
+from sfmcpp.cli.control import Control, control_after_solve
 from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.flags import RIGS, as_options
-from sfmcpp.cli.georeferencing import Gps, write_camera_positions
+from sfmcpp.cli.georeferencing import Gps, outcome_after_solve, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
 from sfmcpp.cli.reading import note_changed, note_left_out, read_with_notes
@@ -103,16 +103,19 @@ def solve_file(job: Job) -> ExitCode:
         if not job.quiet and job.options.get("max_iterations") != 0:
             job.gps.tell_if_missing(job.source, problem)
     seconds_read = time.perf_counter() - started
+    size = ProblemSize.of(problem)  # of the input: control points are added to it
     georeferenced = job.gps.georeference(problem, job.options)
     controlled = job.control.fit(problem, job.options)
     problem = problem if controlled is None else controlled.problem
     groups = [found.group for found in (georeferenced, controlled) if found is not None]
+    gps_outcome = outcome_after_solve(georeferenced, problem)
+    control_outcome = control_after_solve(controlled)
     summary = _solve(job, problem, groups)
     with noted_interrupt() as is_stopped:
         complaints = _write_complaints(lambda path: write(problem, path), job.targets.problem)
         if job.targets.problem is not None and not (complaints or job.quiet):
             note_changed(problem, job.targets.problem)
-        outcome = None if georeferenced is None else georeferenced.outcome
+        placed = {"gps": (outcome := gps_outcome()), "control": control_outcome()}
         complaints += _write_complaints(
             lambda path: write_camera_positions(path, problem, outcome), job.targets.positions
         )
@@ -122,9 +125,6 @@ def solve_file(job: Job) -> ExitCode:
             lambda path: known.write(path, problem, summary, groups, job.options, is_stopped),
             job.targets.covariances,
         )
-        size = ProblemSize.of(problem)
-        control = None if controlled is None else controlled.outcome
-        placed = {"gps": outcome, "control": control}
         return _report_and_print(job, size, summary, seconds_read, complaints, placed=placed, known=known)
 
 
@@ -188,9 +188,9 @@ def _report_and_print(
         targets = job.targets if is_written else replace(job.targets, covariances=None)
         print_summary(job.source, size, summary, seconds_read, targets, (*world, *precise))
     if known is not None and known.is_interrupted and not complaints:
-        print_note("interrupted: the covariances are not written, all else is")
+        print_note(f"interrupted: {known.loss}, all else is")
         return ExitCode.INTERRUPTED
-    return _exit_code(job, summary, complaints)
+    return _exit_code(job, summary, complaints, "" if known is None else known.loss)
 
 
 def _world_rows(outcome: GpsOutcome | ControlOutcome) -> Iterator[tuple[str, str]]:
@@ -300,14 +300,16 @@ def _write_complaints(step: Callable[[Path], None], path: Path | None) -> list[D
     return []
 
 
-def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError]) -> ExitCode:
+def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError], loss: str = "") -> ExitCode:
+    """Tell what went wrong; `loss` is what is missing of the results where a solve came to no end."""
     if complaints:
         return print_error("; ".join(map(str, complaints)))
+    also = f"; {loss}" if loss else ""
     if summary.termination == "numerical_failure":
-        print_note(f"error: {job.source}: numerical failure: {summary.message}")
+        print_note(f"error: {job.source}: numerical failure: {summary.message}{also}")
         return ExitCode.NUMERICAL_FAILURE
     if summary.termination == "interrupted":
-        print_note(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}")
+        print_note(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}{also}")
         return ExitCode.INTERRUPTED
     return ExitCode.DONE
 

@@ -53,7 +53,8 @@ def _termination_finding(summary: Summary) -> Iterator[Finding]:
             "warning",
             f"the solve ended without convergence ({summary.termination.replace('_', ' ')}): "
             f"{summary.message}",
-            "allow more iterations (--max-iterations), or use another method or a better initial state",
+            "allow more iterations (sfmcpp solve --max-iterations), or use another method or a better "
+            "initial state",
         )
 
 
@@ -62,7 +63,8 @@ def _worst_cameras(case: Case, summary: Summary) -> Iterator[Finding]:
     seen = np.flatnonzero((case.views_of_cameras > 0) & ~problem.fixed_cameras).astype(np.int32)
     if not len(seen):
         return
-    sigmas = _sigmas_of_centres(case, seen) * _noise_ratio(problem, summary)
+    model = LinearModel(problem, case.constraints, SolveOptions())
+    sigmas = _sigmas_of_centres(model, problem, seen) * _noise_ratio(case, summary, model)
     extent = float(np.median(np.linalg.norm(problem.points - np.median(problem.points, axis=0), axis=1)))
     worst = np.argsort(-sigmas, kind="stable")[:3]
     listed = ", ".join(f"{case.name_of_camera(int(seen[k]))} ±{sigmas[k]:.2g}" for k in worst)
@@ -78,21 +80,23 @@ def _worst_cameras(case: Case, summary: Summary) -> Iterator[Finding]:
     )
 
 
-def _noise_ratio(problem: Problem, summary: Summary) -> float:
+def _noise_ratio(case: Case, summary: Summary, model: LinearModel) -> float:
     """Standard deviation of the residuals over the stated one, as their redundancy has it."""
+    problem = case.problem
     residuals = 2 * problem.num_observations
-    cameras, points = (len(np.unique(index)) for index in (problem.camera_index, problem.point_index))
-    return float(summary.final_rms_px * np.sqrt(residuals / max(residuals - 6 * cameras - 3 * points, 1)))
+    determined = model.num_determined
+    if case.constraints:  # which determine some of the parameters, nobody can say how many
+        cameras, points = (len(np.unique(index)) for index in (problem.camera_index, problem.point_index))
+        determined = 6 * cameras + 3 * points
+    return float(summary.final_rms_px * np.sqrt(residuals / max(residuals - determined, 1)))
 
 
-def _sigmas_of_centres(case: Case, cameras: IndexArray) -> FloatArray:
+def _sigmas_of_centres(model: LinearModel, problem: Problem, cameras: IndexArray) -> FloatArray:
     """(c,) standard deviations of centres, in the frame that fits them best as far as none is given.
 
     The S-transformation to inner constraints of the centres (Baarda, S-transformations and criterion
     matrices, 1973): points far away do not count, whose errors would be those of the frame.
     """
-    problem = case.problem
-    model = LinearModel(problem, case.constraints, SolveOptions())
     joint = model.covariance(cameras=cameras, joint=True).joint
     assert joint is not None
     size = len(joint) // len(cameras)

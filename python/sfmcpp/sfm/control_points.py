@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,6 +88,27 @@ class ControlOutcome:
         """Root mean squares (3,) of the offsets of control points, or of check points [m]; None without."""
         some = self.offsets_m[self.checks == checks]
         return np.sqrt(np.mean(some**2, axis=0)) if len(some) else None
+
+    @property
+    def mean_error_px(self) -> float:
+        """Mean distance of all marks from the images of their points [px]."""
+        known = np.isfinite(self.errors_px)
+        marks = self.num_marks[known]
+        return float(np.sum(marks * self.errors_px[known]) / marks.sum()) if known.any() else np.nan
+
+    def moved(self, problem: Problem, by: FloatArray) -> ControlOutcome:
+        """The same of a problem that a further solve has moved: offsets and errors follow, all else stays.
+
+        Parameters
+        ----------
+        problem : Problem
+            As it is now, with the g surveyed points as its last.
+        by : (g, 3) float64
+            How far these have moved since [m].
+        """
+        marked = problem.with_points(np.arange(problem.num_points - len(self.names), problem.num_points))
+        errors = mean_reprojection_errors_px(marked, marked.points)
+        return replace(self, offsets_m=self.offsets_m + by, errors_px=errors)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values for a report."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -104,6 +105,21 @@ class GpsOutcome:
             for name in ("sigmas_m", "offsets_m")
         }
         return known | by_axis | {"origin": self.world_origin.to_dict(), "rms_m": self.rms_m}
+
+    def moved(self, names: Sequence[str], by: FloatArray) -> GpsOutcome:
+        """The same of a model that a further solve has moved: residuals and offsets follow, all else stays.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of the n images of the model.
+        by : (n, 3) float64
+            How far their centres have moved since, in the frame of the model [m].
+        """
+        steps = dict(zip(names, by, strict=True))
+        offsets = {name: offset + steps[name] for name, offset in self.offsets_m.items()}
+        distances = {name: float(np.linalg.norm(offset)) for name, offset in offsets.items()}
+        return replace(self, offsets_m=offsets, residuals_m=distances)
 
     @property
     def rms_m(self) -> list[float] | None:

@@ -194,8 +194,7 @@ def run(
     used = motion_sensors(drive, sensors, sigmas)
     listener = _Listener(callback)
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
-    if drive.frames.doubt is not None:
-        result.warnings.append(drive.frames.doubt)
+    result.warnings.extend(_doubts_of_times(drive.frames, used))
     result.warnings.extend(doubts_of_units(used))
     result.warnings.extend(_losses(drive.frames))
     frames = len(result.path.times)
@@ -208,6 +207,15 @@ def _origin_of(sensors: Sequence[MotionSensor]) -> WorldOrigin | None:
     if any(isinstance(sensor, Ins) for sensor in sensors):
         return None
     return next((sensor.origin for sensor in sensors if isinstance(sensor, Gps)), None)
+
+
+def _doubts_of_times(frames: FrameSource, sensors: Sequence[MotionSensor]) -> Iterator[str]:
+    """Warn of an assumed rate beside sensors, whose seconds are true ones, and of missing images."""
+    if frames.assumption is not None and sensors:
+        # Metres a second at the wrong seconds are as many wrong metres.
+        yield f"{frames.assumption}; where that is wrong, so are the scale and the clocks of the sensors"
+    if frames.doubt is not None:
+        yield frames.doubt
 
 
 def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:

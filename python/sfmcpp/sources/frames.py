@@ -78,6 +78,13 @@ class FrameSource(ABC):
     first_pixel_px: float = 0.5
 
     @property
+    def assumption(self) -> str | None:
+        """A sentence on the rate that is assumed; None where something tells the times."""
+        if self.assumed_fps is None:
+            return None
+        return f"{self.assumed_fps:g} frames per second assumed: neither times.txt nor --fps is given"
+
+    @property
     def unreadable(self) -> Mapping[str, str]:
         """Reason for each image left out so far because it cannot be read, by its name."""
         return MappingProxyType({})

@@ -95,7 +95,7 @@ def control_rows(control: ControlOutcome) -> Iterator[tuple[str, str]]:
         yield title, f"{len(some)}; off by {_listed_m(rms)} (RMS by axis), most {most}"
     yield (
         "marks",
-        f"{int(control.num_marks.sum())}; {control.errors_px.mean():.3g} px from their images (mean)",
+        f"{int(control.num_marks.sum())}; {control.mean_error_px:.3g} px from their images (mean)",
     )
     if np.any(control.world_origin.place):
         yield "origin", origin_text(control.world_origin)

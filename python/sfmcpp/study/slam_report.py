@@ -89,6 +89,7 @@ class SlamReport(ReportTable):
                 "frames": len(frames),
                 "tracks": frames.num_tracks,
                 "corners": frames.corners,
+                "assumed_fps": frames.assumed_fps,
             },
             "settings": asdict(run.settings),
             "sensors": run.sensors,
@@ -146,11 +147,8 @@ class SlamReport(ReportTable):
         frames = run.drive.frames
         yield "input", str(run.drive.path)
         yield "frames", f"{count['frames']:,} of {len(frames):,}, {count['poses']:,} with a pose"
-        if frames.assumed_fps is not None:
-            text = f"{frames.assumed_fps:g} frames per second assumed: neither times.txt nor --fps is given"
-            # Metres a second at the wrong seconds are as many wrong metres.
-            wrong = "; where that is wrong, so are the scale and the clocks of the sensors"
-            yield ("warning", text + wrong) if run.sensors else ("times", text)
+        if frames.assumption is not None and not run.sensors:  # beside sensors it is a warning of the run
+            yield "times", frames.assumption
         yield "of these", f"{count['bridged']:,} from the previous frame only, {count['lost']:,} predicted"
         yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
         if run.world is not None and not run.result.metric:
@@ -179,6 +177,8 @@ class SlamReport(ReportTable):
             error, length = comparison.mean_3d_error_m, comparison.truth.length_m
             scale = comparison.alignment.similarity.scale
             yield "mean 3-D error", f"{error:.4g} m of {length:.4g} m, {self.alignment}, scale {scale:.4g}"
+            if comparison.warning:
+                yield "warning", comparison.warning
         if self.in_metres is not None:
             yield "in metres", f"{self.in_metres.mean_3d_error_m:.4g} m, with its own scale"
         if self.drift is not None:

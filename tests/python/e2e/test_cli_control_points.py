@@ -53,6 +53,43 @@ def test_a_file_ends_in_the_world_of_its_control_points(
     assert where.read_text().splitlines()[1].startswith("IMG_000.jpg,69")
 
 
+def test_what_is_told_of_control_points_is_that_of_the_model_that_is_written(
+    survey: tuple[Path, Path, FloatArray], tmp_path: Path
+) -> None:
+    source, table, _ = survey
+    lines = table.read_text().splitlines()
+    # Some points have more marks than others, and p0 has worse ones.
+    kept = [line for k, line in enumerate(lines[1:]) if not line.startswith(("p1,", "p2,")) or k % 5]
+    for k, line in enumerate(kept):
+        name, x, y, z, image, u, v, check = line.split(",")
+        if name == "p0":
+            kept[k] = ",".join((name, x, y, z, image, str(float(u) + 3 * (-1) ** k), v, check))
+    table.write_text("\n".join([lines[0], *kept]) + "\n")
+    problem = sfmcpp.perturb(sfmcpp.read(source), point_sigma_m=0.2, position_sigma_m=0.2, seed=1)
+    problem.metadata.image_names = sfmcpp.read(source).metadata.image_names
+    sfmcpp.write(problem, source)
+    output, report = tmp_path / "out.npz", tmp_path / "report.json"
+    files = ("-o", output, "--report", report, "--method", "gradient-descent", "--max-iterations", "3")
+    result = run_here("solve", source, "--gcp", table, *files)
+    summary = strict_json(report)
+    assert summary["final_cost"] < 0.999 * summary["initial_cost"]  # the last solve has moved them
+    assert summary["input"]["points"] == problem.num_points
+    told, solved = summary["control"], sfmcpp.read(output)
+    surveyed = {line.split(",")[0]: np.array(line.split(",")[1:4], dtype=float) for line in kept}
+    metres = np.array([surveyed[point["name"]] for point in told["points"]])
+    first = problem.num_points
+    offsets = solved.points[first:] + list(told["origin"].values()) - metres
+    np.testing.assert_allclose([point["offset_m"] for point in told["points"]], offsets, atol=1e-8)
+    of_marks = solved.point_index >= first
+    errors = np.linalg.norm(sfmcpp.ba.residuals_px(solved)[of_marks], axis=1)
+    points = solved.point_index[of_marks] - first
+    means = np.bincount(points, errors) / np.bincount(points)
+    np.testing.assert_allclose([point["error_px"] for point in told["points"]], means, rtol=1e-9)
+    shown = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    assert abs(errors.mean() / means.mean() - 1) > 0.002
+    assert f"marks {len(errors)}; {errors.mean():.3g} px from their images (mean)" in shown
+
+
 @pytest.mark.parametrize("target", ["--positions-out", "--covariances", "--report"])
 @pytest.mark.parametrize("option", ["--gcp", "--gps"])
 def test_a_file_of_the_survey_is_never_replaced(

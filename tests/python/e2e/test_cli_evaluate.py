@@ -55,6 +55,15 @@ def test_a_known_error_is_told_on_screen_and_in_the_report(tmp_path: Path) -> No
     assert picture.read_bytes().startswith(PNG)
 
 
+def test_poses_that_nothing_is_compared_with_are_counted_in_a_warning(tmp_path: Path) -> None:
+    there = helix()
+    late = Trajectory(there.t_s + np.where(np.arange(50) % 5 == 0, 0.0, 0.04), there.poses)
+    estimate, truth = write_pair(tmp_path, late)
+    told = "warning         only 10 poses are matched, of 49 estimated and 50 true ones"
+    assert told in run_here("evaluate", estimate, "--truth", truth).stdout
+    assert "warning" not in run_here("evaluate", estimate, "--truth", truth, "--match", "interpolate").stdout
+
+
 def test_a_path_at_another_scale_is_aligned_unless_told_not_to(tmp_path: Path) -> None:
     away = Similarity(0.25, np.eye(3)[[1, 2, 0]], np.array([3.0, 4.0, 5.0]))
     truth = helix()
@@ -85,7 +94,7 @@ def test_a_straight_start_is_warned_of(tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         (["evaluate", "t.txt"], "--truth"),
-        (["evaluate", "t.txt", "--truth", "x.txt", "--align", "most"], "align = 'most': must be all, none"),
+        (["evaluate", "t.txt", "--truth", "x.txt", "--align", "most"], "--align 'most': must be all, none"),
         (["evaluate", "t.txt", "--truth", "x.txt", "--match", "far"], "'far' is unknown"),
         (["evaluate", "t.txt", "--truth", "x.txt", "--format", "ros"], "'ros' is unknown; choose one of tum"),
         (["evaluate", "t.txt", "--truth", "x.txt"], "t.txt: no such file"),

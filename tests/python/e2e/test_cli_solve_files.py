@@ -112,6 +112,29 @@ def test_an_undetermined_point_leaves_the_result_and_a_word(tmp_path: Path) -> N
     assert not table.exists()
 
 
+def test_covariances_away_from_a_minimum_are_doubted_or_left_out_and_the_report_says_so(
+    tmp_path: Path,
+) -> None:
+    source, table, report = write_noisy_circle(tmp_path), tmp_path / "sigmas.csv", tmp_path / "report.json"
+    files = ("--covariances", table, "--report", report)
+    assert "are right at a minimum alone" not in run_here("solve", source, *files).stdout
+    told = strict_json(report)["covariances"]
+    assert (told["written"], set(told) & {"reason", "doubt"}) == (True, set())
+    result = run_here("solve", source, *files, "--method", "gradient-descent", "--max-iterations", "1")
+    doubt = "are right at a minimum alone, and the solve ended by max_iterations"
+    assert (result.returncode, doubt in result.stdout) == (0, True)
+    assert (strict_json(report)["covariances"]["doubt"], table.exists()) == (doubt, True)
+    table.unlink()
+    problem = sfmcpp.read(source)
+    problem.pixels[5] = 1e150
+    sfmcpp.write(problem, source)
+    result = run_here("solve", source, *files, "--quiet")
+    assert (result.returncode, table.exists()) == (3, False)
+    assert result.stderr.endswith("; the covariances are not written\n")
+    reason = "not written: the solve ended by numerical_failure, at no minimum"
+    assert strict_json(report)["covariances"] == {"written": False, "reason": reason}
+
+
 def test_a_page_shows_the_result_and_convert_makes_the_same(tmp_path: Path) -> None:
     source, output = write_noisy_circle(tmp_path), tmp_path / "out.npz"
     result = run_here("solve", source, "-o", output, "--view", tmp_path / "view.html")

@@ -101,6 +101,27 @@ def test_positions_are_written_in_the_frame_of_those_given(tmp_path: Path) -> No
     np.testing.assert_allclose(east_north_up(told, origin), centres - UTM, atol=0.05)
 
 
+def test_residuals_are_those_of_the_model_that_is_written(tmp_path: Path) -> None:
+    """Also where a limit leaves the last solve much to do after the positions were fitted."""
+    source, centres = scene(tmp_path, names=True)
+    gps = centres + np.random.default_rng(4).normal(0, 0.3, centres.shape)
+    table = write_csv(tmp_path / "gps.csv", "x,y,z", gps.tolist())
+    output, report, places = (tmp_path / name for name in ("out.npz", "report.json", "places.csv"))
+    files = ("-o", output, "--report", report, "--positions-out", places)
+    limits = ("--method", "gradient-descent", "--max-iterations", "3")
+    assert run_here("solve", source, "--gps", table, *files, *limits).returncode == 0
+    summary = strict_json(report)
+    assert summary["final_cost"] < 0.999 * summary["initial_cost"]  # it has moved
+    told, solved = summary["gps"], sfmcpp.read(output)
+    offsets = solved.centres + list(told["origin"].values()) - gps
+    np.testing.assert_allclose(list(told["offsets_m"].values()), offsets, atol=1e-8)
+    distances = np.linalg.norm(offsets, axis=1)
+    np.testing.assert_allclose(list(told["residuals_m"].values()), distances, atol=1e-8)
+    rows = [line.split(",") for line in places.read_text().splitlines()]
+    column = rows[0].index("residual")
+    np.testing.assert_allclose([float(row[column]) for row in rows[1:]], distances, atol=1e-8)
+
+
 @pytest.mark.parametrize("output", ["out.npz", "model"])
 def test_a_model_keeps_its_origin(tmp_path: Path, output: str) -> None:
     source, centres = scene(tmp_path, names=True)

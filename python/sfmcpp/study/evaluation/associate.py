@@ -18,6 +18,8 @@ from sfmcpp.sensors import interpolate_poses
 NEAREST_WITHIN_S = 0.01
 INTERPOLATED_WITHIN_S = 0.5
 MATCHES = ("nearest", "interpolate")
+# Fewer of the poses that might have a partner tell little of a trajectory.
+_FEW = 0.5
 
 Rows = NDArray[np.int64]
 
@@ -72,6 +74,31 @@ def associate(
     if match == "interpolate":
         return _matched_by_interpolation(estimate, truth, _limit(max_difference_s, INTERPOLATED_WITHIN_S))
     return _matched_by_time(estimate, truth, _limit(max_difference_s, NEAREST_WITHIN_S))
+
+
+def warning_of_few(estimate: Trajectory, truth: Trajectory, matched: int, match: str = "nearest") -> str:
+    """Warn where most poses of the time that both trajectories cover have no partner; empty if not.
+
+    Parameters
+    ----------
+    estimate, truth : Trajectory
+        As :func:`associate` has taken them.
+    matched : int
+        How many pairs it has found.
+    match : str
+        How it has looked for them.
+    """
+    if not (estimate.stamped and truth.stamped):
+        return ""
+    start, end = max(estimate.t_s[0], truth.t_s[0]), min(estimate.t_s[-1], truth.t_s[-1])
+    counts = [int(np.count_nonzero((t_s >= start) & (t_s <= end))) for t_s in (estimate.t_s, truth.t_s)]
+    if matched >= _FEW * min(counts):
+        return ""
+    remedy = "--match interpolate, or a larger " if match == "nearest" else "a larger "
+    return (
+        f"only {matched:,} poses are matched, of {counts[0]:,} estimated and {counts[1]:,} true ones while "
+        f"both tell: all errors are of these; {remedy}--max-difference-s matches more"
+    )
 
 
 def nearest_rows(t_s: FloatArray, times_s: FloatArray) -> Rows:

@@ -9,7 +9,7 @@ from sfmcpp.model import Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, align
-from sfmcpp.study.evaluation.associate import associate
+from sfmcpp.study.evaluation.associate import associate, warning_of_few
 from sfmcpp.study.evaluation.metrics import Errors, Statistics, ape, mean_3d_error, rpe, scale_ratios
 
 
@@ -31,6 +31,8 @@ class Evaluation:
         Errors by the names of evo.
     rpe_delta : tuple of float and str
         Over what the relative errors are, such as ``(1.0, "frames")``.
+    warning : str
+        Warning where most poses have no partner; empty otherwise. The alignment has its own.
     """
 
     estimate: Trajectory
@@ -41,6 +43,7 @@ class Evaluation:
     ape: Errors
     rpe: Errors
     rpe_delta: tuple[float, str]
+    warning: str = ""
 
     def __repr__(self) -> str:
         how = "aligned with scale" if self.alignment.with_scale else "aligned"
@@ -57,6 +60,7 @@ class Evaluation:
         scale = self.scale_ratio
         return {
             "matched_poses": len(self.estimate),
+            "warning": self.warning or None,
             "estimate_length_m": self.estimate.length_m,
             "truth_length_m": self.truth.length_m,
             "alignment": self.alignment.to_dict(),
@@ -120,6 +124,7 @@ def evaluate(
         ape(ours, true),
         rpe(ours, true, delta, delta_unit, all_pairs),
         (float(delta), delta_unit),
+        warning_of_few(estimate, truth, len(pairs), match),
     )
 
 

@@ -182,6 +182,7 @@ def test_a_scale_that_a_rig_gives_is_no_part_of_the_frame_that_fits_best(freedom
     inner = np.eye(len(frame)) - frame @ np.linalg.pinv(frame)
     variances = np.diag(inner @ joint[np.ix_(rows, rows)] @ inner).reshape(-1, 3).sum(axis=1)
     count, points = 2 * problem.num_observations, len(np.unique(problem.point_index))
-    noise = summary.final_rms_px * np.sqrt(count / (count - 6 * 24 - 3 * points))
+    poses = 24 if problem.rigs is None else problem.rigs.num_frames
+    noise = summary.final_rms_px * np.sqrt(count / (count - 6 * poses - 3 * points + freedoms))
     (found,) = (f for f in sfmcpp.diagnose(problem, summary=summary).findings if f.code == "worst-cameras")
     assert found.measures["worst_sigma"] == pytest.approx(noise * np.sqrt(variances.max()), rel=1e-6)

@@ -22,9 +22,11 @@ from sfmcpp.slam import (
     SlamResult,
     SlamSettings,
     TrackSequence,
+    run,
     run_slam,
 )
 from sfmcpp.slam.sensor_suite import SensorSuite
+from sfmcpp.sources.drives import Drive
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from slam_helpers import STEP_S
 from winding import AT_CAMERA, FRAMES, length, winding, without
@@ -249,3 +251,22 @@ def test_a_sensor_of_ones_own_cannot_be_fed() -> None:
     drive = Slam(winding(seed=0).sequence.intrinsics, sensors=[Own()])
     with pytest.raises(InvalidArgument, match="name = 'own': must be one of no sensor"):
         drive.feed("own", np.array([3.0]), np.array([1.0]))
+
+
+def test_a_rate_that_is_assumed_is_a_warning_of_a_run_with_sensors(tmp_path: Path) -> None:
+    there = winding()
+    short = there.sequence
+    short.assumed_fps = 10.0
+    drive = Drive(tmp_path / "images", short, streams={"speed": there.odometer})
+    told = "10 frames per second assumed: neither times.txt nor --fps is given; where that is wrong, so are"
+
+    def ends_at_once(frame: int, result: SlamResult) -> bool:
+        return False
+
+    warnings = run(drive, ["odometer"], callback=ends_at_once).result.warnings
+    assert [warning for warning in warnings if warning.startswith(told)] == [
+        f"{told} the scale and the clocks of the sensors"
+    ]
+    assert run(drive, callback=ends_at_once).result.warnings == []
+    short.assumed_fps = None
+    assert run(drive, ["odometer"], callback=ends_at_once).result.warnings == []

@@ -65,20 +65,21 @@ def test_the_time_of_the_images_is_told_where_there_are_images() -> None:
     assert told in measured(0.5).table()
 
 
-def test_a_rate_that_is_assumed_is_a_warning_where_sensors_count_seconds() -> None:
-    report = measured()
+def test_a_rate_that_is_assumed_is_told_of_a_camera_alone() -> None:
+    report = SlamReport(replace(measured().run, sensors=()))
     assert "assumed" not in report.table()
+    assert report.to_dict()["input"]["assumed_fps"] is None
     report.run.drive.frames.assumed_fps = 10.0
+    assert report.to_dict()["input"]["assumed_fps"] == 10.0
     told = "10 frames per second assumed: neither times.txt nor --fps is given"
-    assert f"warning         {told}; where that is wrong, so are the scale" in report.table()
-    alone = SlamReport(replace(report.run, sensors=()))
-    assert f"times           {told}\n" in alone.table()
+    assert f"times           {told}\n" in report.table()
 
 
 def test_the_report_is_plain_and_holds_no_curves() -> None:
     report = measured().to_dict()
     assert json.loads(json.dumps(report)) == report
-    assert report["input"] == {"path": "drive.csv", "frames": 4, "tracks": 4, "corners": None}
+    counts = {"path": "drive.csv", "frames": 4, "tracks": 4}
+    assert report["input"] == {**counts, "corners": None, "assumed_fps": None}
     assert report["lost_frames"] == [2]
     assert report["restart_frames"] == [3]
     assert report["keyframes"][1] == {

@@ -41,6 +41,21 @@ def test_no_pose_is_used_twice() -> None:
     np.testing.assert_allclose(pairs.estimate.t_s, [100.02, 100.98])
 
 
+def test_most_poses_without_a_partner_are_warned_of_and_the_advice_finds_them() -> None:
+    truth = path(60)  # ten a second
+    between = np.where(np.arange(60) % 3 == 0, 0.0, 0.04)  # a third of the poses is near a true one
+    estimate = Trajectory(truth.t_s + between, truth.poses)
+    found = evaluate(estimate, truth)
+    assert found.warning.startswith("only 20 poses are matched, of 59 estimated and 60 true ones while both")
+    assert found.to_dict()["warning"] == found.warning
+    assert evaluate(estimate, truth, match="interpolate").warning == ""
+    assert evaluate(estimate, truth, max_difference_s=0.05).warning == ""
+    sparse = evaluate(truth, truth.at(np.arange(0, 60, 7)))  # all that the sparser one has
+    assert (len(sparse.estimate), sparse.warning) == (9, "")
+    early = evaluate(truth, truth.at(np.arange(25)))  # the rest is at another time
+    assert (len(early.estimate), early.warning, early.to_dict()["warning"]) == (25, "", None)
+
+
 def test_an_interpolated_truth_is_at_the_time_of_the_estimate() -> None:
     times = np.linspace(0, 6, 61)
     circle = Rotation.from_rotvec(np.outer(times, [0, 0, 0.2])).as_matrix()
