@@ -171,3 +171,17 @@ def test_different_intrinsics_of_one_camera_are_refused(tmp_path: Path) -> None:
     lines[-1] = lines[-1].replace("100 2 0 ", "100 2 1 ")
     with pytest.raises(DatasetError, match="name different intrinsics"):
         problem_of(tmp_path, lines)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_uncertainties_follow_undistorted_pixels(correlation: float, tmp_path: Path) -> None:
+    problem = sfmcpp.sphere_scene(
+        6, 80, ball_m=9.0, camera_model="perspective", distortion=(-0.4, 0.05), pixel_sigma_px=0.02, seed=2
+    )
+    stated = np.array([[0.25, correlation * 0.3], [correlation * 0.3, 0.36]])
+    problem.covariance_px2 = np.tile(stated, (problem.num_observations, 1, 1))
+    sfmcpp.write(problem, tmp_path / "lens.g2o")
+    again = sfmcpp.read(tmp_path / "lens.g2o")
+    before, after = (np.linalg.norm(sfmcpp.residuals(p), axis=1) for p in (problem, again))
+    np.testing.assert_allclose(after, before, rtol=2e-3)
+    assert np.abs(again.covariance_px2 - stated).max() > 0.05
