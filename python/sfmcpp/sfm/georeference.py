@@ -364,13 +364,17 @@ def _adjust(
 def _sigmas_of_result(
     problem: Problem, model: LinearModel
 ) -> tuple[NDArray[np.int32], FloatArray, FloatArray | None]:
-    """Images all along, σ of their centres (n, 3) [m], and of intrinsics (G, k) unless too many."""
-    count, examples = problem.num_cameras, an_image_of_each(problem)
-    spread = np.linspace(0, count - 1, min(count, _JUDGED)).astype(np.int32)
+    """Images all along, σ of their centres (n, 3) [m], and of intrinsics (G, k) unless too many.
+
+    Images without observations are none of them: nothing tells where they are.
+    """
+    seen, examples = np.unique(problem.camera_index), an_image_of_each(problem)
+    spread = seen[np.linspace(0, len(seen) - 1, min(len(seen), _JUDGED)).astype(np.int32)]
     judged = np.union1d(spread, examples).astype(np.int32) if len(examples) <= _JUDGED else spread
     covariances = model.covariance(cameras=judged).cameras * pixel_variance(model)
     intrinsics = None
     if len(examples) <= _JUDGED:
         of_examples = covariances[np.searchsorted(judged, examples)]
         intrinsics = intrinsics_sigmas_of(problem, model, of_examples)
-    return judged, np.sqrt(np.diagonal(covariances, axis1=1, axis2=2)[:, 3:6]), intrinsics
+    told = np.isin(judged, seen)
+    return judged[told], np.sqrt(np.diagonal(covariances[told], axis1=1, axis2=2)[:, 3:6]), intrinsics

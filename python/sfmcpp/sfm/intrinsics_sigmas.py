@@ -46,8 +46,10 @@ def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:
 
 
 def an_image_of_each(problem: Problem) -> IndexArray:
-    """First image of each row of intrinsics that has some."""
-    return np.unique(problem.intrinsics_index, return_index=True)[1].astype(np.int32)
+    """First image of each row of intrinsics that has some; one with observations, where there is one."""
+    seen = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
+    order = np.argsort(~seen, kind="stable")
+    return order[np.unique(problem.intrinsics_index[order], return_index=True)[1]].astype(np.int32)
 
 
 def intrinsics_sigmas_of(problem: Problem, model: LinearModel, covariances: FloatArray) -> FloatArray:

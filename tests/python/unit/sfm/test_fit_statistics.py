@@ -52,3 +52,18 @@ def test_a_camera_without_observations_is_no_gauge() -> None:
     alone = pixel_variance(linear_model(without.with_cameras(np.arange(4)), [], {}, 1.0))
     assert alone != seen
     assert pixel_variance(linear_model(without, [], {}, 1.0)) == pytest.approx(alone, rel=1e-12)
+
+
+def test_images_without_observations_have_no_accuracy() -> None:
+    truth = sfmcpp.circle_scene(12, 60, camera_model="perspective", pixel_sigma_px=0.5, seed=4)
+    problem = truth.with_shared_intrinsics()
+    problem.set_free_intrinsics("f")
+    problem = problem.with_observations(problem.camera_index != 0)
+    gps = problem.centres + np.random.default_rng(4).normal(0, 0.1, (12, 3))
+    outcome = georeference(problem, gps).outcome
+    assert sorted(map(int, outcome.sigmas_m)) == list(range(1, 12))
+    sigmas = np.array(list(outcome.sigmas_m.values()))
+    assert outcome.accuracy_m == pytest.approx(np.sqrt(np.mean(sigmas**2)))
+    assert sigmas.min() > 0
+    assert outcome.intrinsics_sigmas is not None
+    assert outcome.intrinsics_sigmas[0, 0] > 0
