@@ -173,3 +173,17 @@ def test_covariances_that_would_take_too_long_are_left_out_or_refused_before_the
     assert result.returncode == 2
     assert "covariances of 36 free parameters of cameras: must be at most 35" in result.stderr
     assert not table.exists()
+
+
+def test_what_is_written_without_its_uncertainties_is_told(tmp_path: Path) -> None:
+    problem = sfmcpp.circle_scene(6, 60, pixel_sigma_px=0.5, seed=0)
+    problem.sigma_px = np.full(problem.num_observations, 0.5)
+    sfmcpp.write(problem, tmp_path / "start.npz")
+    note = "has no place for the uncertainties of observations"
+    for command, option in (("solve", "-o"), ("doctor", "--fix")):
+        told = {
+            name: run_here(command, tmp_path / "start.npz", option, tmp_path / name)
+            for name in ("out.txt", "out.npz", "out.ply")
+        }
+        assert [result.returncode for result in told.values()] == [0, 0, 0], command
+        assert [note in result.stderr for result in told.values()] == [True, False, False], command
