@@ -178,7 +178,34 @@ def _undetermined_cameras(model: LinearModel) -> list[int]:
     return found
 
 
-def inverse_of_points(blocks: bsr_matrix, points: NDArray[np.intp]) -> bsr_matrix:
+def sparse_jacobian(
+    entries: FloatArray, by_camera: IndexArray, by_point: IndexArray, columns: int
+) -> csr_matrix:
+    """(2 M, columns) of blocks (M, 2, D + 3), in the columns (M, D) of cameras and from (M,) on of points."""
+    from scipy.sparse import csr_matrix
+
+    of_points = np.where(by_point[:, None] < 0, -1, by_point[:, None] + np.arange(3))
+    places = np.concatenate([by_camera, of_points], axis=1)
+    places = np.broadcast_to(places[:, None], entries.shape)
+    rows = np.broadcast_to(np.arange(2 * len(entries)).reshape(-1, 2, 1), entries.shape)
+    kept = places >= 0
+    return csr_matrix((entries[kept], (rows[kept], places[kept])), shape=(2 * len(entries), columns))
+
+
+def without_points(
+    normal: csr_matrix, gradient: FloatArray, c: int, points: NDArray[np.intp], damping: float
+) -> tuple[FloatArray, FloatArray]:
+    """Schur complement (c, c) and right-hand side of damped normal equations without these points."""
+    from scipy.sparse import diags
+
+    damped = (normal + damping * diags(normal.diagonal())).tocsr()
+    inverse = _inverse_of_points(damped[c:, c:].tobsr((3, 3)), points)
+    across = damped[:c, c:] @ inverse
+    matrix = damped[:c, :c].toarray() - (across @ damped[c:, :c]).toarray()
+    return matrix, -gradient[:c] + across @ gradient[c:]
+
+
+def _inverse_of_points(blocks: bsr_matrix, points: NDArray[np.intp]) -> bsr_matrix:
     """Inverse of the blocks (3, 3) of some points; one that is singular but for rounding is refused."""
     diagonals = np.diagonal(blocks.data, axis1=1, axis2=2)
     scale = 1 / np.sqrt(np.where(diagonals > 0, diagonals, 1.0))

@@ -15,18 +15,20 @@ from sfmcpp.ba.linear_results import (
     ConstraintRows,
     Covariance,
     LinearStep,
-    inverse_of_points,
     moved_to_cameras,
+    sparse_jacobian,
     with_camera_names,
+    without_points,
 )
 from sfmcpp.ba.options import SolveOptions
+from sfmcpp.ba.variance_factor import InfluenceSums, independent_numbers
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CameraFunction, LossFunction, Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_not_negative
 from sfmcpp.model.names import Gauge, Loss
-from sfmcpp.model.residual_group import Group
+from sfmcpp.model.residual_group import Group, checked_groups
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -48,11 +50,8 @@ class LinearModel:
     and its Moore–Penrose pseudo-inverse is meant: the covariance of the solution of least norm ("inner
     constraints", over all columns as they are, radians beside lengths beside pixels), unless fixed cameras,
     fixed points or constraints leave no similarity of the world free. In the fixed gauge the parameters that
-    are held have no column, and the plain inverse is meant. All are for observations whose standard
-    deviations are exact. Where those of observations and groups are right up to a common factor, multiply by
-    ``(Σ ρ′ r² + Σ w ‖e‖²) / (2 M + n − num_determined)``, with ‖e‖² the `squared_error` of a group and n the
-    independent numbers of all groups (three of a rotation, not nine), or whatever estimates it: that choice
-    is the caller's.
+    are held have no column, and the plain inverse is meant. All are for observations of exact σ; where all σ
+    are right up to a common factor, :attr:`variance_factor` estimates what to multiply by.
 
     Parameters
     ----------
@@ -71,6 +70,8 @@ class LinearModel:
         Residuals (observed − projected) / σ, in the order of the observations.
     observation_weights : (M,) float64
         ρ′ of each observation: one without robust loss.
+    camera_index, point_index : (M,) int32
+        Camera and point of each observation.
     cost : float
         The whole cost, that of :func:`sfmcpp.solve`.
     groups : list of ConstraintRows
@@ -101,20 +102,19 @@ class LinearModel:
         options: SolveOptions,
         ridge: float = 0.0,
     ) -> None:
-        self._problem = problem
-        arrays = {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
-        self._core = _core.CoreLinearModel(arrays, options, ridge)
-        self._camera_index, self._point_index = arrays["camera_index"], arrays["point_index"]
+        groups = checked_groups(constraints)
+        arrays = {**core_arrays(problem), "constraints": core_constraints(groups, problem)}
+        self._problem, self._core = problem, _core.CoreLinearModel(arrays, options, ridge)
+        self.camera_index, self.point_index = arrays["camera_index"], arrays["point_index"]
         rigs, poses = problem.rigs, problem.cameras
         self._by_frame = None if rigs is None else rigs.motions(poses)
         self._by_sensor = rigs.sensor_motions(poses) if rigs is not None and rigs.free_sensors.any() else None
-        self.cost, self.loss_scale_px = self._core.cost, self._core.loss_scale_px
+        self.cost, self.loss_scale_px, self._loss = self._core.cost, self._core.loss_scale_px, options.loss
         self.num_columns, self.num_camera_columns = self._core.num_columns, self._core.num_camera_columns
-        self.residuals: FloatArray = self._core.residuals
-        self.observation_weights: FloatArray = self._core.observation_weights
-        self.camera_columns: IndexArray = self._core.camera_columns
-        self.point_columns: IndexArray = self._core.point_columns
+        self.residuals, self.observation_weights = self._core.residuals, self._core.observation_weights
+        self.camera_columns, self.point_columns = self._core.camera_columns, self._core.point_columns
         self.groups = [ConstraintRows(**rows) for rows in self._core.groups()]
+        self._num_measured = sum(map(independent_numbers, groups, self.groups))
         if isinstance(problem.camera_model, CameraFunction) and not np.isfinite(self.gradient()).all():
             problem.camera_model.require_derivatives(problem)
 
@@ -149,17 +149,8 @@ class LinearModel:
 
     def jacobian(self) -> csr_matrix:
         """(2 M, columns) Jacobian ∂r/∂δ of the residuals times √ρ′, two rows of each in turn, SciPy CSR."""
-        from scipy.sparse import csr_matrix
-
-        entries = np.concatenate(self.blocks(), axis=2)
-        of_points = self.point_columns[self._point_index, None]
-        of_points = np.where(of_points < 0, -1, of_points + np.arange(3))
-        columns = np.concatenate([self.camera_columns[self._camera_index], of_points], axis=1)
-        columns = np.broadcast_to(columns[:, None], entries.shape)
-        rows = np.broadcast_to(np.arange(2 * len(entries)).reshape(-1, 2, 1), entries.shape)
-        kept = columns >= 0
-        shape = (2 * len(entries), self.num_columns)
-        return csr_matrix((entries[kept], (rows[kept], columns[kept])), shape=shape)
+        columns = self.camera_columns[self.camera_index], self.point_columns[self.point_index]
+        return sparse_jacobian(np.concatenate(self.blocks(), axis=2), *columns, self.num_columns)
 
     def normal_matrix(self) -> csr_matrix:
         """(columns, columns) normal matrix H of observations and constraints, SciPy CSR."""
@@ -203,16 +194,9 @@ class LinearModel:
             If `damping` is negative, or a point's block is singular to working accuracy, as of a point that
             one camera sees.
         """
-        from scipy.sparse import diags
-
         require_not_negative("damping", damping)
-        c = self.num_camera_columns
-        normal, gradient = self.normal_matrix(), self.gradient()
-        damped = (normal + damping * diags(normal.diagonal())).tocsr()
-        inverse = inverse_of_points(damped[c:, c:].tobsr((3, 3)), np.flatnonzero(self.point_columns >= 0))
-        across = damped[:c, c:] @ inverse
-        matrix = damped[:c, :c].toarray() - (across @ damped[c:, :c]).toarray()
-        return matrix, -gradient[:c] + across @ gradient[c:]
+        points = np.flatnonzero(self.point_columns >= 0)
+        return without_points(self.normal_matrix(), self.gradient(), self.num_camera_columns, points, damping)
 
     @property
     @with_camera_names
@@ -223,6 +207,22 @@ class LinearModel:
         projective cameras. `normal_matrix` is right for these, too.
         """
         return self._core.num_determined()
+
+    @property
+    def variance_factor(self) -> float:
+        """What to multiply covariances by where all σ are right up to a common factor.
+
+        ``(Σ r² + Σ w ‖e‖²) / (2 M + n − num_determined)``, with ‖e‖² the `squared_error` of a group and n the
+        independent numbers of all groups (three of a rotation, not nine); with a robust loss by Huber's
+        asymptotic variance. Not a number without redundancy. Raises as `num_determined`.
+        """
+        squares = sum(rows.weight * rows.squared_error for rows in self.groups)
+        return self.influence_sums().variance_factor(self.num_determined, self._num_measured, squares)
+
+    def influence_sums(self) -> InfluenceSums:
+        """What the loss leaves of the observations."""
+        squared = (self.residuals**2).sum(axis=1)
+        return InfluenceSums.of(squared, *_core.loss_terms(self._loss, self.loss_scale_px, squared)[1:])
 
     @property
     @with_camera_names

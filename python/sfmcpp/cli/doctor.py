@@ -46,7 +46,7 @@ def doctor(
 
     Findings are ranked, the most severe first.
     """
-    from sfmcpp.cli.reading import read_with_notes
+    from sfmcpp.cli.reading import note_written, read_with_notes
     from sfmcpp.cli.targets import Targets
     from sfmcpp.doctor import repair
     from sfmcpp.sources.io.api import write
@@ -60,6 +60,8 @@ def doctor(
         _write_report(source, problem, diagnosis, repaired, report)
     if fix is not None and repaired is not None:
         write(_without_emptied_points(problem, repaired.problem), fix)
+        if not quiet:
+            note_written(repaired.problem, fix)
     if not quiet:
         print_result(_text(source, problem, diagnosis))
         for line in _write_repaired(fix, repaired, diagnosis):

@@ -7,7 +7,12 @@ from pathlib import Path
 from sfmcpp.cli.console import print_note
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, read
-from sfmcpp.sources.io.conversion_notes import changed_on_writing, left_out_on_reading
+from sfmcpp.sources.io.conversion_notes import (
+    UNCERTAINTIES,
+    amounts_in,
+    changed_on_writing,
+    left_out_on_reading,
+)
 from sfmcpp.sources.io.format import Format
 
 
@@ -29,6 +34,17 @@ def note_changed(problem: Problem, target: Path, format: Format | None = None) -
     """Tell what a file that was written has in another form."""
     for line in changed_on_writing(problem, target, format or format_of(target)):
         print_note(f"note: {target}: {line}")
+
+
+def note_written(problem: Problem, target: Path) -> None:
+    """Tell what a result that was written has in another form, and uncertainties that it lacks."""
+    format = format_of(target)
+    note_changed(problem, target, format)
+    if format.readable and amounts_in(problem)[UNCERTAINTIES] and UNCERTAINTIES in format.lacks:
+        print_note(
+            f"note: {target}: {format.name} has no place for the uncertainties of observations: a solve of "
+            "it takes 1 px for all (NPZ and sba keep them)"
+        )
 
 
 def note_left_out(source: Path, problem: Problem) -> None:

@@ -21,7 +21,7 @@ from sfmcpp.cli.flags import RIGS, as_options
 from sfmcpp.cli.georeferencing import Gps, outcome_after_solve, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
-from sfmcpp.cli.reading import note_changed, note_left_out, read_with_notes
+from sfmcpp.cli.reading import note_left_out, note_written, read_with_notes
 from sfmcpp.cli.targets import Targets, write_page
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
@@ -114,7 +114,7 @@ def solve_file(job: Job) -> ExitCode:
     with noted_interrupt() as is_stopped:
         complaints = _write_complaints(lambda path: write(problem, path), job.targets.problem)
         if job.targets.problem is not None and not (complaints or job.quiet):
-            note_changed(problem, job.targets.problem)
+            note_written(problem, job.targets.problem)
         placed = {"gps": (outcome := gps_outcome()), "control": control_outcome()}
         complaints += _write_complaints(
             lambda path: write_camera_positions(path, problem, outcome), job.targets.positions

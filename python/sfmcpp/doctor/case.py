@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import Summary
 from sfmcpp.doctor.finding import named
-from sfmcpp.doctor.trial import Trial, robust_trial
+from sfmcpp.doctor.trial import Trial, median_sigma_px, robust_trial
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.residual_group import Group
-from sfmcpp.model.uncertainty import Whitener
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
@@ -70,9 +69,7 @@ class Case:
     @cached_property
     def stated_sigma_px(self) -> float:
         """Median stated standard deviation of the pixels; one where none is stated [px]."""
-        uncertainty = self.problem.uncertainty
-        stated = Whitener.of(uncertainty.sigma_px, uncertainty.covariance_px2).sigma_px
-        return float(np.median(stated)) if len(stated) else 1.0
+        return median_sigma_px(self.problem)
 
     @cached_property
     def sigma_px(self) -> float:

@@ -39,14 +39,31 @@ class Convention:
     advice: str
 
 
-def _with_pixels(change: Callable[[FloatArray, FloatArray], FloatArray]) -> Callable[[Problem], Problem]:
-    """Change pixels (M, 2), given the f, aspect, cx, cy, skew of each."""
+def _with_pixels(
+    change: Callable[[FloatArray, FloatArray], FloatArray],
+    of_covariances: Callable[[FloatArray], FloatArray] | None = None,
+) -> Callable[[Problem], Problem]:
+    """Change pixels (M, 2), given the f, aspect, cx, cy, skew of each, and covariances with them."""
 
     def read(problem: Problem) -> Problem:
         rows = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], :5]
-        return replace(problem, pixels=change(problem.pixels, rows))
+        return _with_these_pixels(problem, change(problem.pixels, rows), of_covariances)
 
     return read
+
+
+def _with_these_pixels(
+    problem: Problem, pixels: FloatArray, of_covariances: Callable[[FloatArray], FloatArray] | None
+) -> Problem:
+    covariances = problem.covariance_px2
+    if covariances is not None and of_covariances is not None:
+        covariances = of_covariances(covariances)
+    return replace(problem, pixels=pixels, covariance_px2=covariances)
+
+
+def _mirrored(covariances: FloatArray) -> FloatArray:
+    """Covariances (M, 2, 2) where one of the two axes points the other way."""
+    return np.asarray(covariances * np.array([[1.0, -1.0], [-1.0, 1.0]]))
 
 
 def _with_poses(
@@ -81,10 +98,10 @@ def mirrored_y(problem: Problem) -> Problem:
     """The problem with pixels counted from the other edge: by the heights of the images, else around cy."""
     sizes = image_sizes_px(problem)
     if not len(sizes) or problem.camera_model == "bal":
-        return _with_pixels(lambda x, k: np.column_stack([x[:, 0], 2 * k[:, 3] - x[:, 1]]))(problem)
-    return replace(
-        problem, pixels=np.column_stack([problem.pixels[:, 0], sizes[:, 1] - problem.pixels[:, 1]])
-    )
+        around_cy = _with_pixels(lambda x, k: np.column_stack([x[:, 0], 2 * k[:, 3] - x[:, 1]]), _mirrored)
+        return around_cy(problem)
+    pixels = np.column_stack([problem.pixels[:, 0], sizes[:, 1] - problem.pixels[:, 1]])
+    return _with_these_pixels(problem, pixels, _mirrored)
 
 
 def fy_for_aspect(problem: Problem) -> Problem:
@@ -106,13 +123,13 @@ CONVENTIONS = (
     Convention(
         "mirrored-x",
         "the images are mirrored left to right",
-        _with_pixels(lambda x, k: np.column_stack([2 * k[:, 2] - x[:, 0], x[:, 1]])),
+        _with_pixels(lambda x, k: np.column_stack([2 * k[:, 2] - x[:, 0], x[:, 1]]), _mirrored),
         "set u = width − u",
     ),
     Convention(
         "swapped-pixels",
         "the pixels are in the order (row, column) instead of (x, y)",
-        _with_pixels(lambda x, k: x[:, ::-1].copy()),
+        _with_pixels(lambda x, k: x[:, ::-1].copy(), lambda c: c[:, ::-1, ::-1].copy()),
         "swap the two columns of the pixels",
     ),
     Convention(

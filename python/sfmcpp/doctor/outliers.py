@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import GROSS, NOTABLE_SHARE, Trial
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray
 
 # One hundredth of the image: less is a matter of calibration and noise.
@@ -91,14 +92,21 @@ def _outlier_finding(case: Case, trial: Trial, gross: BoolArray) -> Finding:
     return Finding(
         "outliers",
         "warning" if share > NOTABLE_SHARE else "note",
-        f"{counted(int(gross.sum()), 'observation')} ({share:.2%}) off by more than {limit:.3g} px after a "
-        "robust adjustment",
+        f"{counted(int(gross.sum()), 'observation')} ({share:.2%}) off by more than {limit:.3g} px"
+        f"{_of_median(case.problem)} after a robust adjustment",
         _ADVICE[trial.loss],
         f"highest shares in cameras {listed}",
         cameras=worst,
         observations=numbers(case.given_rows(trial.problem, gross)),
         measures={"share": share, "limit_px": limit},
     )
+
+
+def _of_median(problem: Problem) -> str:
+    varied = problem.covariance_px2 is not None or (
+        problem.sigma_px is not None and np.ptp(problem.sigma_px) > 0
+    )
+    return " at the median σ, others by as many of theirs," if varied else ""
 
 
 def sigmas(case: Case) -> Iterator[Finding]:

@@ -14,6 +14,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.names import Loss
 from sfmcpp.model.residual_group import Group
+from sfmcpp.model.uncertainty import Whitener
 
 MAX_ITERATIONS = 30
 # Errors are told long before the digits of the cost that send badly determined intrinsics on their way.
@@ -36,7 +37,8 @@ class Trial:
     problem : Problem
         At its end.
     errors_px : (M,) float64
-        Distances of the observations from the images of their points; infinite behind the camera [px].
+        Distances of the observations from the images of their points; infinite behind the camera [px]. Where
+        observations have different σ, over their own and times the median σ.
     sigma_px : float
         Standard deviation that the median of those that the loss has not let go of amounts to [px].
     loss : str
@@ -76,9 +78,24 @@ def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "
         summary = adjust_or_stop(moved, constraints, options)
     except InvalidArgument as error:
         return str(error)
-    errors = reprojection_errors_px(moved, moved.points)
+    errors = _comparable_errors_px(moved)
     kept = _inlier_mask(moved, summary) if loss == "auto" else slice(None)
     return Trial(moved, errors, float(np.median(errors[kept]) / _MEDIAN_OF_NORM), loss)
+
+
+def median_sigma_px(problem: Problem) -> float:
+    """Median stated standard deviation of the pixels, of u where there are covariances; else one [px]."""
+    stated = Whitener.of(problem.sigma_px, problem.covariance_px2).sigma_px
+    return float(np.median(stated)) if len(stated) else 1.0
+
+
+def _comparable_errors_px(problem: Problem) -> FloatArray:
+    """Reprojection errors (M,) over their own σ and times the median σ; infinite behind the camera."""
+    errors, median = reprojection_errors_px(problem, problem.points), median_sigma_px(problem)
+    if problem.covariance_px2 is not None:
+        whitened = median * np.linalg.norm(residuals(problem), axis=1)
+        return np.where(np.isfinite(errors), whitened, errors)
+    return errors if problem.sigma_px is None else np.asarray(errors * (median / problem.sigma_px))
 
 
 def _inlier_mask(problem: Problem, summary: Summary) -> BoolArray:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import takes_options
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import (
@@ -27,7 +28,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import require_positive, require_seed
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors.gps import doubt_of_radians
-from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
+from sfmcpp.sfm.fit_statistics import cost_variance, linear_model
 from sfmcpp.sfm.georeference import image_names, require_movable
 from sfmcpp.sfm.mark_checks import mark_outside, warnings_about_marks
 from sfmcpp.sfm.positions import is_on_a_line, local_positions, match_names
@@ -190,14 +191,15 @@ def fit_control_points(
     survey = _Survey.of(problem, control, sigma_m)
     numbers = np.arange(len(survey.names), dtype=np.int32) + problem.num_points
     joined = _with_marked_points(problem, survey, numbers)
-    solve(joined, **options).require_uninterrupted()
+    summary = solve(joined, **options).require_uninterrupted()
     used = ~survey.checks
     _move(joined, joined.points[numbers[used]], survey.metres[used], seed)
-    variance = pixel_variance(linear_model(joined, [], dict(options)))
+    variance = cost_variance(linear_model(joined, [], dict(options), summary.loss_scale_px))
     group = _group(survey, numbers[used], variance)
-    solve(joined, constraints=[group], **options).require_uninterrupted()
+    summary = solve(joined, constraints=[group], **options).require_uninterrupted()
     survey.origin.put_into(joined.metadata)
-    return Controlled(joined, _outcome(joined, survey, numbers, group, dict(options)), group)
+    model = linear_model(joined, [group], dict(options), summary.loss_scale_px)
+    return Controlled(joined, _outcome(joined, survey, numbers, model), group)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,11 +323,9 @@ def _group(survey: _Survey, numbers: IndexArray, variance: float) -> ResidualGro
     return ResidualGroup(offsets, points=numbers, weight=variance, name="control")
 
 
-def _outcome(
-    problem: Problem, survey: _Survey, numbers: IndexArray, group: ResidualGroup, options: dict[str, Any]
-) -> ControlOutcome:
+def _outcome(problem: Problem, survey: _Survey, numbers: IndexArray, model: LinearModel) -> ControlOutcome:
     offsets = problem.points[numbers] - survey.metres
-    leverage = np.diag(linear_model(problem, [group], options).hat_matrix(0)).reshape(-1, 3)
+    leverage = np.diag(model.hat_matrix(0)).reshape(-1, 3)
     used = ~survey.checks
     sigmas_off = np.full(len(numbers), np.nan)
     sigmas_off[used] = _largest_in_sigmas(offsets[used] / survey.sigmas_m[used], leverage)

@@ -11,16 +11,26 @@ from sfmcpp.model.residual_group import Group
 from sfmcpp.weighting.statistics import redundancy_of_images
 
 # What of the options of a solve a linear model takes.
-_LINEAR = ("loss", "loss_scale_px", "gauge", "threads")
+_LINEAR = ("loss", "gauge", "threads")
 
 
-def linear_model(problem: Problem, groups: Iterable[Group], options: dict[str, Any]) -> LinearModel:
-    """The linear model at a problem, by what it takes of the options of a solve."""
+def linear_model(
+    problem: Problem, groups: Iterable[Group], options: dict[str, Any], loss_scale_px: float
+) -> LinearModel:
+    """The linear model at the end of a solve with these options, at the scale of its loss there."""
     known = {name: options[name] for name in _LINEAR if name in options}
-    return linearize(problem, constraints=groups, **known)
+    return linearize(problem, constraints=groups, loss_scale_px=loss_scale_px, **known)
 
 
 def pixel_variance(model: LinearModel) -> float:
-    """Variance of a coordinate of an observation, over that which it was taken to have."""
-    squared = (model.residuals**2).sum(axis=1)
-    return float((model.observation_weights * squared).sum() / max(redundancy_of_images(model), 1))
+    """Variance of a coordinate of an observation, over that which it was taken to have: for covariances."""
+    return model.influence_sums().variance_in_normal_matrix(_parameters_of_images(model))
+
+
+def cost_variance(model: LinearModel) -> float:
+    """The same for weights of other terms beside the loss of the observations."""
+    return model.influence_sums().variance_in_cost(_parameters_of_images(model))
+
+
+def _parameters_of_images(model: LinearModel) -> int:
+    return 2 * len(model.residuals) - redundancy_of_images(model)

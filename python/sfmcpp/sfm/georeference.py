@@ -26,7 +26,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, number_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, hold_of_few_images
-from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
+from sfmcpp.sfm.fit_statistics import cost_variance, linear_model, pixel_variance
 from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
 from sfmcpp.sfm.position_checks import (
     BLIND,
@@ -133,8 +133,8 @@ def georeference_to(
     _uses_stated_sigmas(problem, positions)
     # Refuses too few positions, before the problem is changed.
     georeferencing = _Georeferencing(problem, positions, image_names(problem), seed)
-    solve(problem, **options).require_uninterrupted()
-    return georeferencing.run(dict(options), lambda _: None)
+    summary = solve(problem, **options).require_uninterrupted()
+    return georeferencing.run(dict(options), summary.loss_scale_px, lambda _: None)
 
 
 def georeference_map(world: Map, positions: Positions, settings: IncrementalSettings) -> GpsOutcome:
@@ -165,7 +165,8 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
     options = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas, **FINE}
     of_images = positions.of(local.images)
     # Points seen once are no part of the problem, and move with it all the same.
-    found = _Georeferencing(local.problem, of_images, names, settings.seed).run(options, world.transform)
+    georeferencing = _Georeferencing(local.problem, of_images, names, settings.seed)
+    found = georeferencing.run(options, settings.loss_sigmas, world.transform)
     world.take(local)
     world.origin = found.outcome.world_origin
     return found.outcome
@@ -226,6 +227,8 @@ class _Fit:
         Which positions agree with the adjusted problem.
     apart : (n, 3) float64
         Adjusted centres less positions [m].
+    loss_scale_px : float
+        Scale of the loss of the observations, as the adjustment had it.
     """
 
     group: ConstraintGroup
@@ -233,6 +236,7 @@ class _Fit:
     used: BoolArray
     agrees: BoolArray
     apart: FloatArray
+    loss_scale_px: float
 
 
 class _Georeferencing:
@@ -247,15 +251,19 @@ class _Georeferencing:
         self._names, self._of_positions = names, [names[image] for image in self._images]
         _require_enough(self._stated.metres)
 
-    def run(self, options: dict[str, Any], moved: Callable[[Similarity], None]) -> Georeferenced:
-        """Georeference with these options of a solve; `moved` is called after each move."""
-        fit = self._fit(options, moved)
-        model = linear_model(self._problem, [fit.group], options)
+    def run(
+        self, options: dict[str, Any], loss_scale_px: float, moved: Callable[[Similarity], None]
+    ) -> Georeferenced:
+        """Georeference after a solve with these options and this scale; call `moved` after each move."""
+        fit = self._fit(options, loss_scale_px, moved)
+        model = linear_model(self._problem, [fit.group], options, fit.loss_scale_px)
         outcome = self._outcome(fit, model)
         outcome.world_origin.put_into(self._problem.metadata)
         return Georeferenced(outcome, fit.group)
 
-    def _fit(self, options: dict[str, Any], moved: Callable[[Similarity], None]) -> _Fit:
+    def _fit(
+        self, options: dict[str, Any], loss_scale_px: float, moved: Callable[[Similarity], None]
+    ) -> _Fit:
         """Adjust with the positions that agree, until these are the same as before."""
         problem, images = self._problem, self._images
         metres, weights = self._stated.metres, self._stated.member_weights
@@ -268,12 +276,19 @@ class _Georeferencing:
             placed = _fitted_similarity(problem.centres[images[good]], metres[good], weights[good])
             placed.move(problem)
             moved(placed)
-            group, sigma_m = _adjust(problem, images[good], metres[good], weights[good], stated_m, options)
+            group = ConstraintGroup(
+                "position",
+                images[good].astype(np.int32),
+                metres[good],
+                member_weights=weights[good],
+                name="gps",
+            )
+            sigma_m, loss_scale_px = _adjust(problem, group, stated_m, options, loss_scale_px)
             apart = problem.centres[images] - metres
             misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
             agrees = misses <= OUTLIER_SIGMAS * np.sqrt(3) * sigma_m
             agrees |= undecidable_positions(problem.centres[images], metres, weights, agrees)
-            fit = _Fit(group, sigma_m, good, agrees, apart)
+            fit = _Fit(group, sigma_m, good, agrees, apart, loss_scale_px)
             if (agrees == good).all():
                 break
             good = agrees
@@ -344,22 +359,22 @@ def _fitted_similarity(centres: FloatArray, metres: FloatArray, weights: FloatAr
 
 def _adjust(
     problem: Problem,
-    images: NDArray[np.intp],
-    metres: FloatArray,
-    weights: FloatArray,
+    group: ConstraintGroup,
     stated_m: float | None,
     options: dict[str, Any],
-) -> tuple[ConstraintGroup, float]:
-    """Adjust images and their positions together; σ of a coordinate of a position [m], found or as stated."""
-    cameras = images.astype(np.int32)
-    group = ConstraintGroup("position", cameras, metres, member_weights=weights, name="gps")
+    loss_scale_px: float,
+) -> tuple[float, float]:
+    """Adjust images and their positions together, and weigh these.
+
+    Returns σ of a coordinate of a position [m], found or as stated, and the scale that the loss ends with; it
+    is given as the last adjustment had it.
+    """
     if stated_m is not None:
-        group.weight = 3 / stated_m**2 * pixel_variance(linear_model(problem, [], options))
-        solve(problem, constraints=[group], **options).require_uninterrupted()
-        return group, stated_m
-    summary = solve(problem, constraints=[group], weight="auto", **options)
-    (chosen,) = summary.require_uninterrupted().group_weights
-    return group, chosen.sensor_sigma
+        group.weight = 3 / stated_m**2 * cost_variance(linear_model(problem, [], options, loss_scale_px))
+        summary = solve(problem, constraints=[group], **options).require_uninterrupted()
+        return stated_m, summary.loss_scale_px
+    summary = solve(problem, constraints=[group], weight="auto", **options).require_uninterrupted()
+    return summary.group_weights[0].sensor_sigma, summary.loss_scale_px
 
 
 def _sigmas_of_result(

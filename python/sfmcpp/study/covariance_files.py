@@ -40,8 +40,8 @@ class Covariances:
     freedoms : int
         Freedoms of the world that nothing holds: the covariances are those of the free network then.
     variance_factor : float
-        Squared residuals over the redundancy: what to multiply by where the σ of the observations are a
-        guess; not a number without redundancy.
+        That of the model: what to multiply by where the σ of the observations are a guess; not a number
+        without redundancy.
     """
 
     problem: Problem
@@ -65,12 +65,8 @@ class Covariances:
         found.cameras[_mask_of_missing(model.camera_columns < 0)] = np.nan
         points = found.points if few else np.full((problem.num_points, 3, 3), np.nan)
         points[model.point_columns < 0] = np.nan
-        determined = model.num_determined
-        redundancy = 2 * problem.num_observations - determined + sum(len(g.errors) for g in model.groups)
-        squares = np.sum(model.observation_weights[:, None] * model.residuals**2)
-        squares += sum(g.weight * g.squared_error for g in model.groups)
-        factor = float(squares / redundancy) if redundancy > 0 else np.nan
-        freedoms = model.num_columns - determined
+        freedoms = model.num_columns - model.num_determined
+        factor = model.variance_factor
         return cls(problem, model.parameter_names, found.cameras, points, freedoms, factor)
 
     @property

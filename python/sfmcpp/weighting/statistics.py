@@ -17,6 +17,7 @@ import numpy as np
 
 from sfmcpp.ba.linear_results import LinearStep
 from sfmcpp.ba.linearize import LinearModel
+from sfmcpp.ba.variance_factor import InfluenceSums
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.parabola import parabola_minimum
 from sfmcpp.model import Problem
@@ -34,9 +35,6 @@ _PRIOR = 1
 _LEAST_SHARE = 1e-12
 # Fewest views of a point for its observations to be left out: two more must be left to triangulate it.
 _LEAST_VIEWS = 3
-# Lower bound of the mean slope of the influence function: it nears 0 where the scale of the loss is so small
-# that nearly all observations are outliers.
-_LEAST_SLOPE = 0.05
 # Of a metric world: position, rotation and scale.
 _GAUGE_FREEDOMS = 7
 
@@ -63,7 +61,7 @@ def redundancy_of_images(model: LinearModel) -> int:
     They do not determine where the world is: columns of that explain nothing of them, unless the gauge holds
     them (baselines of rigs tell the scale, one of the seven).
     """
-    held = int(np.count_nonzero(model.camera_columns[:, :6] < 0))
+    held = int(np.count_nonzero(model.camera_columns[np.unique(model.camera_index), :6] < 0))
     return 2 * len(model.residuals) - int(model.num_columns) + max(_GAUGE_FREEDOMS - held, 0)
 
 
@@ -166,9 +164,8 @@ class FitStatistics:
         the mean of its slope, for the weight of a cost with that slope.
         """
         free = redundancy_of_images(self.linear) if self.too_large else self.redundancy.images
-        _, slope, influence = self._fits.loss_terms(self.squared)
-        found = float((self.squared * slope**2).sum()) / max(free, 1.0)
-        return max(math.sqrt(found / max(float(influence.mean()), _LEAST_SLOPE)), LEAST_NOISE)
+        sums = InfluenceSums.of(self.squared, *self._fits.loss_terms(self.squared)[1:])
+        return max(math.sqrt(sums.variance_in_cost(sums.count - free)), LEAST_NOISE)
 
     def best_factor(self, k: int) -> float:
         """Factor by which the weight of group k maximises the restricted likelihood, others held.

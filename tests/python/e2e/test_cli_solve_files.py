@@ -41,9 +41,7 @@ def test_standard_deviations_are_those_of_the_linear_model_at_the_result(tmp_pat
     np.testing.assert_allclose(written, of_camera[:6] * ([180 / np.pi] * 3 + [1] * 3), rtol=1e-5)
     np.testing.assert_allclose([float(rows[11][f"sigma_{n}"]) for n in "xyz"], of_point, rtol=1e-5)
     assert rows[11]["sigma_rx_deg"] == ""
-    weighted = np.sum(model.observation_weights[:, None] * model.residuals**2)
-    factor = weighted / (2 * solved.num_observations - model.num_determined)
-    assert told["covariances"]["variance_factor"] == pytest.approx(factor)
+    assert told["covariances"]["variance_factor"] == pytest.approx(model.variance_factor)
     assert "7 gauge freedoms are left" in " ".join(result.stdout.split())
 
 
@@ -198,3 +196,17 @@ def test_covariances_that_would_take_too_long_are_left_out_or_refused_before_the
     assert result.returncode == 2
     assert "covariances of 36 free parameters of cameras: must be at most 35" in result.stderr
     assert not table.exists()
+
+
+def test_what_is_written_without_its_uncertainties_is_told(tmp_path: Path) -> None:
+    problem = sfmcpp.circle_scene(6, 60, pixel_sigma_px=0.5, seed=0)
+    problem.sigma_px = np.full(problem.num_observations, 0.5)
+    sfmcpp.write(problem, tmp_path / "start.npz")
+    note = "has no place for the uncertainties of observations"
+    for command, option in (("solve", "-o"), ("doctor", "--fix")):
+        told = {
+            name: run_here(command, tmp_path / "start.npz", option, tmp_path / name)
+            for name in ("out.txt", "out.npz", "out.ply")
+        }
+        assert [result.returncode for result in told.values()] == [0, 0, 0], command
+        assert [note in result.stderr for result in told.values()] == [True, False, False], command

@@ -15,6 +15,7 @@ from sfmcpp.sources.io.intrinsics import has_distortion, has_square_pixels, pixe
 from sfmcpp.sources.io.views import UNREGISTERED
 
 _MOST_NAMES = 3
+UNCERTAINTIES = "uncertainties of observations"
 
 
 def left_out_on_reading(problem: Problem) -> Iterator[str]:
@@ -74,7 +75,7 @@ def amounts_in(problem: Problem) -> dict[str, int]:
         "rigid frames": 0 if problem.rigs is None else problem.rigs.num_frames,
         "shared intrinsics": shares_free_intrinsics(problem),
         "origin of the world": WorldOrigin.of(metadata) is not None,
-        "uncertainties of observations": any(given is not None for given in uncertainties),
+        UNCERTAINTIES: any(given is not None for given in uncertainties),
     }
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,37 @@ def test_cameras_and_points_keep_their_numbers() -> None:
     mended = repair(broken).problem
     assert (mended.num_cameras, mended.num_points) == (broken.num_cameras, broken.num_points)
     assert len(np.unique(mended.camera_index)) == broken.num_cameras // 2
+
+
+@pytest.mark.parametrize("as_covariances", [False, True])
+def test_observations_far_off_within_their_own_deviation_are_no_outliers(as_covariances: bool) -> None:
+    problem, random = circle_scene(12, 200, pixel_sigma_px=0.0, seed=0), np.random.default_rng(0)
+    sigmas = np.where(random.random(problem.num_observations) < 0.15, 6.0, 0.3)
+    problem.pixels += sigmas[:, None] * random.normal(0, 1, problem.pixels.shape)
+    wrong = np.flatnonzero(sigmas < 1)[::103]
+    problem.pixels[wrong] += 5.0
+    if as_covariances:
+        problem = replace(problem, covariance_px2=sigmas[:, None, None] ** 2 * np.eye(2))
+    else:
+        problem.sigma_px = sigmas
+    (found,) = (f for f in diagnose(problem).findings if f.code == "outliers")
+    assert found.observations == tuple(wrong)
+    assert "off by more than 3 px at the median σ" in str(found)
+    assert repair(problem).problem.num_observations == problem.num_observations - len(wrong)
+
+
+@pytest.mark.parametrize("known_sizes", [False, True])
+def test_covariances_are_mirrored_with_their_pixels(known_sizes: bool) -> None:
+    problem, random = circle_scene(12, 200, pixel_sigma_px=0.0, seed=1), np.random.default_rng(1)
+    covariances = np.tile([[1.0, 0.8], [0.8, 1.5]], (problem.num_observations, 1, 1))
+    problem.pixels += random.multivariate_normal([0, 0], covariances[0], problem.num_observations)
+    right = replace(problem, covariance_px2=covariances)
+    if not known_sizes:
+        right.metadata.image_sizes = None
+    mirrored = right.copy()
+    mirrored.pixels[:, 1] = 480 - mirrored.pixels[:, 1]
+    mirrored.covariance_px2 = covariances * [[1, -1], [-1, 1]]
+    mended = repair(mirrored)
+    assert mended.done == ["mirrored-y: y of all pixels mirrored"]
+    np.testing.assert_array_equal(mended.problem.covariance_px2, covariances)
+    np.testing.assert_allclose(mended.problem.pixels, right.pixels, atol=1e-9)

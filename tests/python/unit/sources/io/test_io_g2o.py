@@ -182,3 +182,17 @@ def test_cameras_that_see_nothing_keep_their_intrinsics(tmp_path: Path) -> None:
     found = sfmcpp.read(tmp_path / "p.g2o")
     assert found.intrinsics[found.intrinsics_index, 0].tolist() == [900.0, 1000.0, 1100.0]
     assert sfmcpp.cost(found) == pytest.approx(sfmcpp.cost(blind), rel=1e-9)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6])
+def test_uncertainties_follow_undistorted_pixels(correlation: float, tmp_path: Path) -> None:
+    problem = sfmcpp.sphere_scene(
+        6, 80, ball_m=9.0, camera_model="perspective", distortion=(-0.4, 0.05), pixel_sigma_px=0.02, seed=2
+    )
+    stated = np.array([[0.25, correlation * 0.3], [correlation * 0.3, 0.36]])
+    problem.covariance_px2 = np.tile(stated, (problem.num_observations, 1, 1))
+    sfmcpp.write(problem, tmp_path / "lens.g2o")
+    again = sfmcpp.read(tmp_path / "lens.g2o")
+    before, after = (np.linalg.norm(sfmcpp.residuals(p), axis=1) for p in (problem, again))
+    np.testing.assert_allclose(after, before, rtol=2e-3)
+    assert np.abs(again.covariance_px2 - stated).max() > 0.05
