@@ -85,7 +85,7 @@ def test_a_straight_start_is_warned_of(tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         (["evaluate", "t.txt"], "--truth"),
-        (["evaluate", "t.txt", "--truth", "x.txt", "--align", "most"], "align = 'most': must be all, none"),
+        (["evaluate", "t.txt", "--truth", "x.txt", "--align", "most"], "--align 'most': must be all, none"),
         (["evaluate", "t.txt", "--truth", "x.txt", "--match", "far"], "'far' is unknown"),
         (["evaluate", "t.txt", "--truth", "x.txt", "--format", "ros"], "'ros' is unknown; choose one of tum"),
         (["evaluate", "t.txt", "--truth", "x.txt"], "t.txt: no such file"),
