@@ -83,7 +83,7 @@ def test_positions_that_no_photo_tells_are_asked_for_before_the_work(
     field: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     said = refused(capsys, field, tmp_path / "out", "--gps", "exif")
-    assert "gps = 'exif': no image tells its position with its height" in said
+    assert "--gps 'exif': no image tells its position with its height" in said
     assert not (tmp_path / "out").exists()
     table = tmp_path / "other.csv"
     table.write_text("name,lat,lon,height\nelsewhere.jpg,46.5,9.25,12.5\n")
