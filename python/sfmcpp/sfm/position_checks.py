@@ -26,6 +26,8 @@ from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 _LEAST_REDUNDANCY = 0.1
 # Of fewer numbers that the fit does not use up, no scatter is known.
 _LEAST_FREE = 5.0
+# Least sum of squares that a residual is compared with.
+_NO_RESIDUAL = 1e-300
 # A position is wrong that no similarity explains to this share of its distance from the others.
 _UNEXPLAINED = 0.1
 # Of fewer pairs, right positions of σ = 1 m in a flat scene fit a mirrored model as well by chance.
@@ -156,19 +158,36 @@ def worst_deviation(apart: FloatArray, weights: FloatArray, hat: FloatArray) -> 
     int, float
         Its number, and the deviation as a number of standard normal deviates, whatever the redundancy.
     """
-    redundancies = np.clip(1 - np.diag(hat), 0.0, 1.0).reshape(apart.shape)
-    free = redundancies.sum(axis=0) - 1
+    left = np.eye(apart.size) - hat
+    free = np.clip(np.diag(left), 0.0, 1.0).reshape(apart.shape).sum(axis=0) - 1
     if (free < _LEAST_FREE).any():
         return 0, 0.0
-    squared = weights * apart**2
-    # An axis along which nothing is left says nothing.
-    totals = np.where(squared.any(axis=0), squared.sum(axis=0), 1.0)
-    parts = squared / np.maximum(redundancies, _LEAST_REDUNDANCY) / totals
-    students = free * parts / np.maximum(1 - parts, 1e-12)
-    # Wallace's approximation of normal deviates by Student's.
-    normal = np.sqrt(free * np.log1p(students / free)) * (8 * free + 1) / (8 * free + 3)
+    residuals = np.sqrt(weights) * apart
+    normal = np.stack([_deviates(residuals[:, k], left[k::3, k::3]) for k in range(3)], axis=1)
     worst = int(np.argmax(normal.max(axis=1)))
     return worst, float(normal[worst].max())
+
+
+def _deviates(residuals: FloatArray, cofactors: FloatArray) -> FloatArray:
+    """Residuals (n,) along an axis as normal deviates, each by the scale of the others.
+
+    Their covariance is σ² `cofactors` (n, n), which is no projection: images hold the positions, too. So what
+    a residual tells of the others by it is taken from these, and the rest counts as many as it has freedoms.
+    """
+    deviates = np.zeros(len(residuals))
+    if not residuals.any():  # an axis along which nothing is left says nothing
+        return deviates
+    for k, residual in enumerate(residuals.tolist()):
+        others = np.arange(len(residuals)) != k
+        own, along = max(float(cofactors[k, k]), _LEAST_REDUNDANCY), cofactors[others, k]
+        rest = residuals[others] - along * (residual / own)
+        spread = cofactors[np.ix_(others, others)] - np.outer(along, along) / own
+        trace = float(np.trace(spread))
+        free = trace**2 / float(np.sum(spread**2))
+        student = residual**2 / own * trace / max(float(rest @ rest), _NO_RESIDUAL)
+        # Wallace's approximation of normal deviates by Student's.
+        deviates[k] = np.sqrt(free * np.log1p(student / free)) * (8 * free + 1) / (8 * free + 3)
+    return deviates
 
 
 def evidence_of_swapped_axes(poses: FloatArray, centres: FloatArray, metres: FloatArray, *, seed: int) -> str:

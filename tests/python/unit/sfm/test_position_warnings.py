@@ -15,6 +15,7 @@ from sfmcpp.sfm.georeference import georeference_to
 from sfmcpp.sfm.position_checks import undecidable_positions, worst_deviation
 from sfmcpp.sfm.positions import Positions, choose_positions, local_positions, unused_positions
 from sfmcpp.sources.io.named_positions import NamedPositions
+from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 
 SIGMA_M = 0.3
 
@@ -109,6 +110,35 @@ def test_one_wrong_position_is_named_by_its_own_standard_deviation() -> None:
 @pytest.mark.parametrize(("heights", "stated"), [(2.0, True), (3.0, False)])
 def test_no_right_position_is_named(seed: int, heights: float, stated: bool) -> None:
     assert not warnings_of_block(seed, heights=heights, stated=stated)
+
+
+def residuals_of_stiff_images(seed: int, off: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (14, 3) of positions of σ = 1 that images hold, too, the second one off; their hat matrix."""
+    rng = np.random.default_rng(seed)
+    places = rng.normal(size=(14, 3))
+    shifts = np.tile(np.eye(3), (14, 1))
+    turns = np.stack([np.cross(axis, places).ravel() for axis in np.eye(3)], axis=1)
+    free, _ = np.linalg.qr(np.column_stack([shifts, turns, places.ravel()]))  # what images do not hold
+    held = np.eye(42) - free @ free.T
+    root = held @ rng.normal(size=(42, 42)) * np.sqrt(rng.uniform(0.02, 0.2))
+    hat = np.linalg.inv(np.eye(42) + root @ root.T)
+    errors = rng.normal(size=42)
+    errors[3] += off
+    return (hat @ (errors + root @ rng.normal(size=42)) - errors).reshape(14, 3), hat
+
+
+def test_positions_that_images_hold_too_are_not_named_by_chance() -> None:
+    alarms, hits = 0, 0
+    for seed in range(200):
+        alarms += worst_deviation(*weighted(residuals_of_stiff_images(seed, 0.0)))[1] > OUTLIER_SIGMAS
+        worst, deviation = worst_deviation(*weighted(residuals_of_stiff_images(seed, 20.0)))
+        hits += worst == 1 and deviation > OUTLIER_SIGMAS
+    assert alarms <= 2
+    assert hits > 150
+
+
+def weighted(found: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return found[0], np.ones(found[0].shape), found[1]
 
 
 def test_columns_that_seem_to_be_standard_deviations_are_named_where_none_are_read() -> None:
