@@ -84,7 +84,7 @@ def test_a_solve_of_the_start_finds_back_to_the_cost_of_the_truth(tmp_path: Path
         (["street-loop", "-o", "a.npz", "--cameras", "8"], "num_cameras = 8: no point is seen by two"),
         (["circle", "-o", "a.npz", "--cameras", "many"], "--cameras"),
         (["circle", "-o", "a.npz", "--points", "-1"], "num_points = -1"),
-        (["circle", "-o", "a.npz", "--camera-model", "fisheye"], "camera_model = 'fisheye'"),
+        (["circle", "-o", "a.npz", "--camera-model", "fisheye"], "--camera-model 'fisheye'"),
         (["circle", "-o", "a.npz", "--distortion", "0.1"], "'0.1' is not two numbers k1,k2"),
         (["circle", "-o", "a.npz", "--distortion", "a,b"], "'a,b' is not two numbers k1,k2"),
         (
@@ -95,9 +95,9 @@ def test_a_solve_of_the_start_finds_back_to_the_cost_of_the_truth(tmp_path: Path
         (["circle", "-o", "a.npz", "--distortion", "0.1,0"], "camera model 'calibrated' has none"),
         (["circle", "-o", "a.npz", "--outliers", "1.5"], "share = 1.5"),
         (["circle", "-o", "a.npz", "--outlier-sigma-px", "9"], "there are no --outliers"),
-        (["circle", "-o", "a.npz", "--pixel-sigma-px", "-1"], "pixel_sigma_px = -1"),
-        (["circle", "-o", "a.npz", "--point-sigma-m", "nan"], "point_sigma_m = nan"),
-        (["circle", "-o", "a.npz", "--focal-px", "0"], "focal_px = 0"),
+        (["circle", "-o", "a.npz", "--pixel-sigma-px", "-1"], "--pixel-sigma-px -1"),
+        (["circle", "-o", "a.npz", "--point-sigma-m", "nan"], "--point-sigma-m nan"),
+        (["circle", "-o", "a.npz", "--focal-px", "0"], "--focal-px 0"),
         (["circle", "-o", "a.npz", "--seed", "-1"], "--seed"),
     ],
 )

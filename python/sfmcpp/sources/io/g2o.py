@@ -11,7 +11,6 @@ its upper triangle by rows. ``FIX id …`` holds vertices.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.geometry.pinhole import PINHOLE, undistorted_pixels
+from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
@@ -35,6 +34,7 @@ from sfmcpp.sources.io.intrinsics import (
     perspective_columns,
     perspective_rows,
     require_defaults_except,
+    undistorted,
 )
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows, tokens_of_items
@@ -57,8 +57,6 @@ _NUMBERS = {
     _OF_NAMED_LENS: 8,
 }
 _WORDS = [*_NUMBERS, _FIX]
-# Of differences of undistorted pixels.
-_STEP_PX = 1e-3
 _LENS_NAMES = ("f", "aspect", "cx", "cy")
 _DIGITS = len(str(LARGEST_COUNT))
 
@@ -301,29 +299,9 @@ def write_g2o(problem: Problem, path: Path) -> None:
     require_defaults_except(values, (*_LENS_NAMES, *PERSPECTIVE[PINHOLE:]), "g2o's files", path)
     _require_positive(values, path)
     if has_distortion(problem):
-        problem = _undistorted(problem, values)
+        problem = undistorted(problem, values)
     with atomic_files(path) as (stream,):
         stream.writelines(_chunks(problem, values[:, perspective_columns(*_LENS_NAMES)]))
-
-
-def _undistorted(problem: Problem, values: FloatArray) -> Problem:
-    """Pixels as cameras without distortion would have seen them, with the uncertainties that follow."""
-    of_view = problem.intrinsics_index[problem.camera_index]
-
-    def moved(pixels: FloatArray) -> FloatArray:
-        return undistorted_pixels(pixels, values, of_view)
-
-    pixels = moved(problem.pixels)
-    if problem.sigma_px is None and problem.covariance_px2 is None:
-        return replace(problem, pixels=pixels)
-    steps = _STEP_PX * np.eye(2)
-    slopes = [
-        (moved(problem.pixels + step) - moved(problem.pixels - step)) / (2 * _STEP_PX) for step in steps
-    ]
-    jacobians = np.stack(slopes, axis=2)
-    stated = problem.uncertainty.as_covariances(problem.num_observations)
-    covariances = jacobians @ stated @ np.swapaxes(jacobians, 1, 2)
-    return replace(problem, pixels=pixels, sigma_px=None, covariance_px2=covariances)
 
 
 def _require_positive(values: FloatArray, path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,8 @@ PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
 # As near as the search for the ray of a pixel comes where there is one.
 _FOUND_PX = 0.5
+# Of differences of undistorted pixels.
+_STEP_PX = 1e-3
 _DEFAULTS = np.array([1.0 if name == "aspect" else 0.0 for name in PERSPECTIVE])
 
 
@@ -238,3 +241,23 @@ def as_bal(problem: Problem, format_name: str, path: Path) -> tuple[FloatArray, 
     principal = private[:, perspective_columns("cx", "cy")]
     pixels = problem.pixels - principal[problem.camera_index] if principal.any() else problem.pixels
     return private[:, perspective_columns(*BAL)], pixels
+
+
+def undistorted(problem: Problem, values: FloatArray) -> Problem:
+    """Pixels and their uncertainties as cameras of perspective `values` (G, K) have them without distortion."""
+    of_view = problem.intrinsics_index[problem.camera_index]
+
+    def moved(pixels: FloatArray) -> FloatArray:
+        return undistorted_pixels(pixels, values, of_view)
+
+    pixels = moved(problem.pixels)
+    if problem.sigma_px is None and problem.covariance_px2 is None:
+        return replace(problem, pixels=pixels)
+    steps = _STEP_PX * np.eye(2)
+    slopes = [
+        (moved(problem.pixels + step) - moved(problem.pixels - step)) / (2 * _STEP_PX) for step in steps
+    ]
+    jacobians = np.stack(slopes, axis=2)
+    stated = problem.uncertainty.as_covariances(problem.num_observations)
+    covariances = jacobians @ stated @ np.swapaxes(jacobians, 1, 2)
+    return replace(problem, pixels=pixels, sigma_px=None, covariance_px2=covariances)
