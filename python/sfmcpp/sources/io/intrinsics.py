@@ -244,7 +244,7 @@ def as_bal(problem: Problem, format_name: str, path: Path) -> tuple[FloatArray, 
 
 
 def undistorted(problem: Problem, values: FloatArray) -> Problem:
-    """Pixels and their uncertainties as cameras of perspective `values` (G, K) have them without distortion."""
+    """Pixels, and their uncertainties, as cameras of perspective `values` (G, K) without distortion."""
     of_view = problem.intrinsics_index[problem.camera_index]
 
     def moved(pixels: FloatArray) -> FloatArray:
