@@ -269,11 +269,24 @@ def motion_sensors(
         If the drive's file lacks what a sensor needs, or its streams cannot be right.
     InvalidArgument
         If a sensor is unknown or named twice, or the input lacks what it needs; if positions look like
-        degrees; if a σ is not positive, or of no such sensor.
+        degrees, or are latitudes beside poses of an INS; if a σ is not positive, or of no such sensor.
     """
     streams = drive.streams_of(names)
     made = [_MAKERS[name](name, stream, drive.mounting) for name, stream in zip(names, streams, strict=True)]
+    _require_one_world(made)
     return _with_sigmas(made, sigmas or {})
+
+
+def _require_one_world(sensors: Sequence[MotionSensor]) -> None:
+    """Refuse poses beside latitudes: nothing tells where the world of the poses is on the earth."""
+    worlds = {sensor.name for sensor in sensors if isinstance(sensor, Ins)}
+    geodetic = [s.name for s in sensors if isinstance(s, Gps) and s.origin is not None and s.origin.geodetic]
+    if worlds and geodetic:
+        raise InvalidArgument(
+            f"sensor = {geodetic[0]!r}: its latitudes have a world of their own, the poses of "
+            f"{worlds.pop()!r} another: positions must be in metres in the world of the poses, or one of the "
+            "two sensors left out"
+        )
 
 
 def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, float | None]) -> list[MotionSensor]:

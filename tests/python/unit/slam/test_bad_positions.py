@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.so3 import exp
 from sfmcpp.model import Problem, SensorStream
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
-from sfmcpp.slam.drive_run import doubts_of_units
+from sfmcpp.slam.drive_run import doubts_of_units, motion_sensors
+from sfmcpp.sources.drives import Drive
 from sfmcpp.sources.synthetic import corridor_scene
 from slam_helpers import STEP_S, sequence_of
 
@@ -98,3 +101,18 @@ def test_latitudes_in_radians_are_doubted(as_radians: bool) -> None:
     metric = Gps(fixes, origin=WorldOrigin(np.zeros(3), geodetic=False))
     doubts = list(doubts_of_units([metric, Gps(fixes, origin=origin)]))
     assert ["as radians one at 49°" in doubt for doubt in doubts] == [True] * as_radians
+
+
+def test_latitudes_beside_poses_of_another_world_are_refused() -> None:
+    t_s = np.arange(4.0)
+    poses = np.tile(np.eye(3, 4), (4, 1, 1))
+    latitudes = np.tile([48.2, 16.4, 200.0], (4, 1)) + 1e-5 * t_s[:, None]
+    streams = {
+        "pose": SensorStream(t_s, pose_stream_values(poses), "pose"),
+        "geodetic": SensorStream(t_s, latitudes, "geodetic"),
+    }
+    drive = Drive(Path("drive"), sequence_of(walk()), streams=streams)
+    with pytest.raises(InvalidArgument, match="sensor = 'gps': its latitudes have a world of their own"):
+        motion_sensors(drive, ["ins", "gps"])
+    for name in ("ins", "gps"):
+        assert [sensor.name for sensor in motion_sensors(drive, [name])] == [name]
