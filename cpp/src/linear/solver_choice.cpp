@@ -4,7 +4,6 @@
 #include <cmath>
 #include <cstdio>
 #include <optional>
-#include <ranges>
 
 #include "iterative_solver.hpp"
 #include "sfmcpp/core/error.hpp"
@@ -225,11 +224,13 @@ double reference_seconds(const SolverForecast& forecast) {
 }
 
 int iterations_within(SolverForecast iterative, double seconds) {
-  const auto fits = [&](int iterations) {
-    iterative.iterations = iterations;
-    return reference_seconds(iterative) <= seconds;
-  };
-  return *std::ranges::partition_point(std::views::iota(0, kManyIterations), fits) - 1;
+  int within = -1, beyond = kManyIterations;
+  while (beyond - within > 1) {
+    const int middle = (within + beyond) / 2;
+    iterative.iterations = middle;
+    (reference_seconds(iterative) <= seconds ? within : beyond) = middle;
+  }
+  return within;
 }
 
 SolverQuestion question_of(const NormalEquations& normal) {
