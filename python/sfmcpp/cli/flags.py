@@ -7,8 +7,6 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from typer.models import OptionInfo
-
 from sfmcpp._core import SolveOption
 from sfmcpp.ba.options import OPTIONS
 
@@ -52,4 +50,6 @@ def by_flags(message: str, command: Callable[..., Any]) -> str:
 
 def _is_option(parameter: inspect.Parameter) -> bool:
     """Whether it is given by name on the command line, and not by its place."""
+    from typer.models import OptionInfo
+
     return any(isinstance(what, OptionInfo) for what in getattr(parameter.annotation, "__metadata__", ()))
