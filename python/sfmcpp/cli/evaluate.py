@@ -10,6 +10,7 @@ import typer
 
 from sfmcpp.cli.choices import choice_option
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
+from sfmcpp.cli.flags import flag_of
 from sfmcpp.errors import DatasetError, InvalidArgument
 
 if TYPE_CHECKING:
@@ -221,8 +222,9 @@ def _evaluated_model(
 
     for name, default in _OF_TRAJECTORIES.items():
         if options[name] != default:
-            flag = "--" + name.replace("_", "-")
-            raise DatasetError(model, f"is a model: {flag} is for trajectories, models have no order in time")
+            raise DatasetError(
+                model, f"is a model: {flag_of(name)} is for trajectories, models have no order in time"
+            )
     if options["align_to"] not in MODEL_ALIGNMENTS:
         known = ", ".join(MODEL_ALIGNMENTS)
         raise InvalidArgument(f"align = {options['align_to']!r}: must be one of {known} for a model")

@@ -22,10 +22,14 @@ _OTHER_NAMES = {
 _NAMED = re.compile(r"(\w+)(?:\['(\w+)'\])?(:| = )")
 
 
+def flag_of(name: str) -> str:
+    """Option on the command line of a parameter in Python."""
+    return "--" + name.replace("_", "-")
+
+
 def flag(option: SolveOption) -> str:
     """Name of an option of a solve on the command line."""
-    name = option.name.removesuffix("_bytes") if option.unit == "bytes" else option.name
-    return "--" + name.replace("_", "-")
+    return flag_of(option.name.removesuffix("_bytes") if option.unit == "bytes" else option.name)
 
 
 def as_options(text: str) -> str:
@@ -42,7 +46,7 @@ def by_flags(message: str, command: Callable[..., Any]) -> str:
     parameter = inspect.signature(command, eval_str=True).parameters.get(name or "")
     if not named or parameter is None or not _is_option(parameter):
         return message
-    option, key, rest = f"--{parameter.name.replace('_', '-')}", named[2], message[named.end() :]
+    option, key, rest = flag_of(parameter.name), named[2], message[named.end() :]
     if named[3] == ":":
         return f"{option}:{rest}"
     return f"{option} {key}={rest}" if key else f"{option} {rest}"

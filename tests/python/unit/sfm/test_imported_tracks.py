@@ -8,29 +8,21 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp.geometry import so3
+from cloud_views import FOCAL_PX, views_of_cloud
 from sfmcpp.model.image_tracks import ImageTracks, image_tracks
 from sfmcpp.sfm import reconstruct
 from sfmcpp.sfm.imported_tracks import from_corner
 
 SIZE = np.array([1001, 750])
-FOCAL_PX, NOISE_PX = 900.0, 0.2
+NOISE_PX = 0.2
 
 
 def tracks(centred: bool, sizes_known: bool) -> ImageTracks:
     """What five cameras see of a cloud."""
-    rng = np.random.default_rng(1)
-    points = rng.uniform(-2, 2, (250, 3))
-    pixels = []
-    for k in range(5):
-        about = so3.exp(np.array([0.1 * rng.standard_normal(), 0.26 * (k - 2), 0.1 * rng.standard_normal()]))
-        seen = points @ about.T + [*rng.uniform(-0.5, 0.5, 2), 7 * (1 + 0.25 * rng.uniform(-1, 1))]
-        pixels.append(FOCAL_PX * seen[:, :2] / seen[:, 2:] + SIZE / 2)
-    noisy = np.array(pixels) + NOISE_PX * rng.standard_normal((5, 250, 2))
-    image, track = np.nonzero(((noisy > 0) & (noisy < SIZE)).all(axis=2))
+    image, track, pixels = views_of_cloud(SIZE, NOISE_PX)
     origin = SIZE / 2 if centred else np.zeros(2)
     sizes = [SIZE] * 5 if sizes_known else None
-    return image_tracks(image, track, noisy[image, track] - origin, sizes=sizes, centred=centred)
+    return image_tracks(image, track, pixels - origin, sizes=sizes, centred=centred)
 
 
 def test_pixels_from_the_middle_become_pixels_from_the_corner() -> None:
