@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import (
+    BoolArray,
     chosen_rows,
     each_once,
     index_array,
@@ -199,3 +200,8 @@ def with_added_points(
         covariance_px2=uncertainty.covariance_px2,
         metadata=problem.metadata.copy().with_added_points(len(more), problem.camera_index, cameras),
     )
+
+
+def observing_cameras(problem: Problem) -> BoolArray:
+    """(C,) which cameras observe a point."""
+    return np.asarray(np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0)

@@ -24,6 +24,7 @@ from sfmcpp.map import Map
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, number_array
 from sfmcpp.model.checks import require_seed
+from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, hold_of_few_images
 from sfmcpp.sfm.fit_statistics import cost_variance, linear_model, pixel_variance
@@ -335,7 +336,7 @@ class _Georeferencing:
 
 def _see_points(problem: Problem) -> BoolArray:
     """(C,) which cameras see a point, or one of their rigid frame does: what a solve places."""
-    sees = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
+    sees = observing_cameras(problem)
     if problem.rigs is None:
         return sees
     frames = problem.rigs.frame_of_camera

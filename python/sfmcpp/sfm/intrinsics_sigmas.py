@@ -9,6 +9,7 @@ from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem, camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sfm.fit_statistics import pixel_variance
 
 # Above these, they would take longer than all that is told beside them.
@@ -47,7 +48,7 @@ def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:
 
 def an_image_of_each(problem: Problem) -> IndexArray:
     """Number of an image of each row of intrinsics that has some: the first that sees something, if any."""
-    sees = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
+    sees = observing_cameras(problem)
     seeing_first = np.argsort(~sees, kind="stable")
     first = np.unique(problem.intrinsics_index[seeing_first], return_index=True)[1]
     return seeing_first[first].astype(np.int32)

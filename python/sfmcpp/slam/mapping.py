@@ -12,6 +12,7 @@ from sfmcpp.geometry import refine_points, reliable_points, reprojection_errors_
 from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.names import Loss
+from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sensors.registration import OPEN_ROLL_RAD
 from sfmcpp.slam.fusion import constraint_groups
 from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS
@@ -84,7 +85,7 @@ def solve_live(problem: Problem, constraints: Sequence[ConstraintGroup], loss: t
 def hold_gauge(local: LocalProblem, count: int) -> None:
     """Fix `count` cameras, the oldest that see points."""
     problem = local.problem
-    sees = np.bincount(problem.camera_index, minlength=problem.num_cameras) > 0
+    sees = observing_cameras(problem)
     missing = count - np.count_nonzero(problem.fixed_cameras & sees)
     free = np.flatnonzero(~problem.fixed_cameras & sees)
     problem.fixed_cameras[free[: max(missing, 0)]] = True

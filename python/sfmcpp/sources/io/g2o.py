@@ -22,6 +22,7 @@ from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate, require_valid
 from sfmcpp.sources.io.files import read_text_bytes
@@ -349,8 +350,7 @@ def _chunks(problem: Problem, lenses: FloatArray) -> Iterator[bytes]:
 
 def _observations_tell_lenses(problem: Problem) -> bool:
     """Whether lenses that observations name are told of all cameras; one that sees nothing has the first."""
-    seen = np.isin(np.arange(problem.num_cameras), problem.camera_index)
-    return not problem.intrinsics_index[~seen].any()
+    return not problem.intrinsics_index[~observing_cameras(problem)].any()
 
 
 def _lines(word: bytes, *columns: NDArray[Any]) -> Iterator[bytes]:
