@@ -97,7 +97,7 @@ def adjust(
     calibration = warnings_about_calibration(problem, given)
     if unit == "px" and not calibration:  # which explains the result
         calibration += warnings_about_result(problem, summary)
-    about_sigmas = warnings_about_sigmas(summary, problem.sigma_px)
+    about_sigmas = warnings_about_sigmas(problem, summary)
     about_input = with_ids_of_points(summary.warnings, problem)
     about_run = [*about_sigmas, *about_loss, *checkpoints.warnings]
     warnings = [*about_input, *doubtful, *calibration, *about_run]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sfmcpp.ba.summary import Summary
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.uncertainty import Whitener
 
 # Pixels so far outside their image, in its larger side, are no rounding. Of images twice as large, whose
 # pixels fill them, 70 % are outside; fewer are outliers, or those of a synthetic scene with a wide view.
@@ -79,18 +80,19 @@ def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
         yield f"{share:.1%} of the observations are behind their camera at the end; run sfmcpp doctor"
 
 
-def warnings_about_sigmas(summary: Summary, sigmas_px: FloatArray | None) -> list[str]:
+def warnings_about_sigmas(problem: Problem, summary: Summary) -> list[str]:
     """Warn of a solve that took no step because its observations have far too large σ.
 
     Parameters
     ----------
+    problem : Problem
+        With standard deviations or covariances of its observations, or without.
     summary : Summary
         Of the solve.
-    sigmas_px : (M,) float64 or None
-        Standard deviations of the observations [px].
     """
+    sigmas_px = Whitener.of(problem.sigma_px, problem.covariance_px2).sigma_px
     taken = len(summary.iterations) > 1 or summary.termination != "converged"
-    if sigmas_px is None or not len(sigmas_px) or taken:
+    if not len(sigmas_px) or taken:
         return []
     usual_px = float(np.median(sigmas_px))
     if summary.initial_rms_px >= _NOTHING_SIGMAS or summary.initial_rms_px * usual_px <= _SOMETHING_PX:

@@ -131,7 +131,8 @@ class Map(Store):
         other : Map
             Of the same camera model.
         similarity : Similarity, optional
-            Where it is put, this_from_other. Default: where it is.
+            Where it is put, this_from_other. Default: where it is, in a world of the same origin. A map
+            without images takes over an origin.
         cameras : (G,) int, optional
             Numbers here of its cameras. Default: they are new.
         points : (N,) int, optional
@@ -147,10 +148,12 @@ class Map(Store):
         Raises
         ------
         InvalidArgument
-            If the camera models differ, there is no such camera or point, or an image would see a point
-            twice. Nothing is changed then.
+            If the camera models differ, there is no such camera or point, an image would see a point twice,
+            or the worlds have two origins and `similarity` is not given. Nothing is changed then.
         """
         self._require_joinable(other, cameras, points)
+        if similarity is None:
+            self._enter_world_of(other)
         if cameras is None:
             cameras = self.add_cameras(
                 other.intrinsics,
@@ -195,6 +198,18 @@ class Map(Store):
         if points is not None:
             rows, places = other._tracks.of(np.arange(len(other.points)))
             self._require_once(np.asarray(points, dtype=np.intp)[places], other.keypoint_images[rows])
+
+    def _enter_world_of(self, other: Map) -> None:
+        """Take over the origin of another map's world; InvalidArgument where this one has another."""
+        if self.num_images == 0 and self.origin is None:
+            self.origin = other.origin
+        if self.origin is None or other.origin is None:
+            return
+        here, there = (origin.to_dict() for origin in (self.origin, other.origin))
+        if here != there:
+            raise InvalidArgument(
+                f"other.origin: {there}, must be {here} as that of this map, or similarity be given"
+            )
 
     def set_sigmas_by_scale(self, sigma_per_scale: float, least_px: float = 0.0) -> None:
         """Let the standard deviation of each keypoint grow with its scale s: ``σ² = least² + (factor s)²``.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 
 import sfmcpp
 from sfmcpp import Problem
@@ -91,3 +92,15 @@ def test_standard_deviations_beside_which_residuals_say_nothing_are_named() -> N
     moved.sigma_px[:] = 2.0
     assert not sfmcpp.solve(moved).warnings
     assert not sfmcpp.solve(moved).warnings  # again, from the minimum
+
+
+@pytest.mark.parametrize("stated", ["sigma_px", "covariance_px2"])
+def test_uncertainties_that_leave_nothing_to_fit_are_named(stated: str) -> None:
+    problem = scene()
+    count = problem.num_observations
+    if stated == "sigma_px":
+        problem.sigma_px = np.full(count, 1e12)
+    else:
+        problem.covariance_px2 = np.tile(1e24 * np.eye(2), (count, 1, 1))
+    (warning,) = sfmcpp.solve(problem).warnings
+    assert "the σ of observations (1e+12 px in the median) are so large that they say nothing" in warning

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from sfmcpp import InvalidArgument
+from sfmcpp.geometry import Similarity
 from sfmcpp.map import Map
+from sfmcpp.model.metadata import WorldOrigin
 
 
 def two_images() -> Map:
@@ -22,6 +24,12 @@ def seen_twice_where_one() -> Map:
     other = two_images()
     other.observe([1], [1])
     return other
+
+
+def two_images_from(latitude_deg: float) -> Map:
+    world = two_images()
+    world.origin = WorldOrigin(np.array([latitude_deg, 8.0, 400.0]), geodetic=True)
+    return world
 
 
 @pytest.mark.parametrize(
@@ -58,3 +66,20 @@ def test_what_cannot_be_is_refused_and_changes_nothing(change: object, message: 
         change(world)  # type: ignore[operator]
     assert (world.num_images, len(world.keypoints), world.keypoint_points.tolist()) == (2, 4, [0, -1, -1, 1])
     assert (world.points.tolist(), len(world.intrinsics)) == ([[0.0] * 3] * 2, 1)
+
+
+def test_maps_of_two_origins_are_joined_by_a_similarity_alone() -> None:
+    world, other = two_images_from(47.0), two_images_from(48.0)
+    with pytest.raises(InvalidArgument, match=r"other.origin: \{.* 48.0, .* or similarity be given"):
+        world.join(other)
+    assert world.num_images == 2
+    world.join(other, Similarity.identity())
+    world.join(two_images())
+    assert world.num_images == 6
+    assert world.origin.place[0] == 47.0
+
+
+def test_an_empty_map_takes_over_the_origin_of_what_joins_it() -> None:
+    world, other = Map("bal"), two_images_from(47.0)
+    world.join(other)
+    assert world.origin is other.origin
