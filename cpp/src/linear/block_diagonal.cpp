@@ -23,7 +23,7 @@ CameraBlockDiagonal::CameraBlockDiagonal(const NormalEquations& normal)
   camera_blocks_.resize(cameras * camera_size * camera_size);
 }
 
-void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<double>& rhs) {
+void CameraBlockDiagonal::form(const PointFactor* factors) {
   const ObservationGraph& graph = normal_.graph();
   const bool on_grid = normal_.is_compensated();
   if (on_grid) grid_.set(normal_);
@@ -39,7 +39,6 @@ void CameraBlockDiagonal::assemble(const PointFactor* factors, std::vector<doubl
                                       .grid = on_grid ? grid_.of_camera(i) : nullptr,
                                       .compensated_gradient = on_grid});
   });
-  gather(rhs, normal_.exchange());
 }
 
 void CameraBlockDiagonal::gather(std::vector<double>& rhs, Exchange& ranks) {

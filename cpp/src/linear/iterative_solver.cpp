@@ -65,12 +65,12 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
 LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,
                                          const std::function<bool()>& should_stop) {
-  elimination_.factor(damping);
+  form(damping);
   const Vector whole_diagonal = normal_.camera_damping(damping);
   product_.columns().take(whole_diagonal, diagonal_);
-  SchurOperator& schur = product_.schur();
+  const SchurOperator& schur = product_.schur();
   Vector whole, own;
-  schur.assemble(preconditioner_.diagonal(), whole);
+  schur.gather(preconditioner_.diagonal(), whole);
   product_.columns().take(whole, rhs_);
   preconditioner_.factor(whole_diagonal);
   const double tolerance =
@@ -87,6 +87,16 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
   product_.columns().gather(own, step.camera);
   elimination_.back_substitute(step);
   return {.success = true, .iterations = result.iterations};
+}
+
+// A step with other columns held has the same S but for λD.
+void IterativeSolver::form(const Damping& damping) {
+  const Formed wanted{normal_.num_linearizations(), damping};
+  if (formed_ == wanted) return;
+  formed_.reset();  // whatever stops the work
+  elimination_.factor(damping);
+  product_.schur().form(preconditioner_.diagonal());
+  formed_ = wanted;
 }
 
 ConjugateGradientResult IterativeSolver::correct(const Vector& residual,

@@ -2,6 +2,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "schur_operator.hpp"
@@ -37,6 +38,13 @@ class IterativeSolver final : public LinearSolver {
                   const LinearSolverOptions& options,
                   const std::shared_ptr<const ReducedStructure>& structure,
                   const CameraGroups& groups);
+  // What S and the factors of the points are of.
+  struct Formed {
+    long linearization;
+    Damping damping;
+    bool operator==(const Formed&) const = default;
+  };
+  void form(const Damping& damping);
   ConjugateGradientResult correct(const Vector& residual,
                                   double tolerance,
                                   int max_iterations,
@@ -60,6 +68,7 @@ class IterativeSolver final : public LinearSolver {
   DistributedProduct product_;                     // with the blocks, if there are any
   std::unique_ptr<DistributedProduct> unrounded_;  // where it is needed
   SchurPreconditioner preconditioner_;
+  std::optional<Formed> formed_;
   Vector diagonal_;  // λD of this rank's columns, as all vectors but those of the preconditioner
   Vector rhs_;
   Vector in_, out_;  // of the preconditioner, where there are more ranks

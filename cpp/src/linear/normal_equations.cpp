@@ -175,6 +175,7 @@ void NormalEquations::take(const Chunk& part,
 }
 
 void NormalEquations::finish() {
+  ++num_linearizations_;
   sum_gradients();
   sum_chunks(0, camera_rhs_);
   sum_chunks(map_.camera_size, camera_diagonal_);

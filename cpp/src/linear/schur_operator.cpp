@@ -17,8 +17,9 @@ class ImplicitSchur final : public SchurOperator {
   ImplicitSchur(const NormalEquations& normal, PointElimination& elimination)
       : normal_(normal), elimination_(elimination) {}
 
-  void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override {
-    diagonal.assemble(elimination_.factors(), rhs);
+  void form(CameraBlockDiagonal& diagonal) override { diagonal.form(elimination_.factors()); }
+  void gather(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) const override {
+    diagonal.gather(rhs, normal_.exchange());
   }
   bool is_rounded() const override { return false; }
   std::vector<char> touched_cameras() const override {
@@ -171,7 +172,7 @@ std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::choose_tasks() const {
   }
 }
 
-void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) {
+void BlockSparseSchur::form(CameraBlockDiagonal& diagonal) {
   schur_rows_.begin();
   for (int round = 0; round < schur_rows_.num_rounds(); ++round) {
     schur_rows_.exchange(round);
@@ -181,7 +182,10 @@ void BlockSparseSchur::assemble(CameraBlockDiagonal& diagonal, std::vector<doubl
     });
   }
   diagonal_ = diagonal.camera_block(0);
-  // Of own cameras they are whole; columns that cameras share are of several.
+}
+
+// Blocks of own cameras are whole; columns that cameras share are of several.
+void BlockSparseSchur::gather(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) const {
   diagonal.gather(rhs, normal_.map().has_shared_columns ? normal_.exchange() : this_process());
 }
 

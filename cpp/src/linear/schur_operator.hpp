@@ -17,9 +17,11 @@ namespace sfmcpp::linear {
 class SchurOperator {
  public:
   virtual ~SchurOperator() = default;
-  // For the factors that the elimination of the points has now: the diagonal blocks and the
-  // right-hand side (CameraBlockDiagonal), and whatever the product needs.
-  virtual void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) = 0;
+  // For the factors that the elimination of the points has now: the blocks of cameras and their
+  // right-hand sides (CameraBlockDiagonal), and whatever the product needs.
+  virtual void form(CameraBlockDiagonal& diagonal) = 0;
+  // Then the diagonal blocks are gathered from them, as often as they are to be factored.
+  virtual void gather(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) const = 0;
   // out += Pᵀ S P x of what this rank has of S; neither B of camera_terms.hpp nor λD.
   virtual void add_product(const std::vector<double>& x, std::vector<double>& out) = 0;
   virtual void add_product(const std::vector<double>& x, std::vector<CompensatedSum>& out) = 0;
@@ -46,7 +48,8 @@ class BlockSparseSchur final : public SchurOperator {
                    const std::shared_ptr<const ReducedStructure>& structure);
 
   // A row is formed in double precision and rounded when it is complete.
-  void assemble(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) override;
+  void form(CameraBlockDiagonal& diagonal) override;
+  void gather(CameraBlockDiagonal& diagonal, std::vector<double>& rhs) const override;
   void add_product(const std::vector<double>& x, std::vector<double>& out) override {
     multiply(x, out);
   }

@@ -120,6 +120,36 @@ TEST_P(LinearSolverAgainstQr, ATighterToleranceTakesMoreIterationsAndComesCloser
   EXPECT_LT(previous_error, 1e-3 * first_error);
 }
 
+// What a solver keeps from one solve to the next is that of the same system.
+TEST_P(LinearSolverAgainstQr, SolvingAgainGivesTheBitsOfANewSolver) {
+  for (LinearSolverKind kind :
+       {LinearSolverKind::kDense, LinearSolverKind::kSparse, LinearSolverKind::kIterative}) {
+    const LinearSolverOptions options{kind, 1e-3, 5000};
+    const auto solver = make_linear_solver(linearized.normal(), options);
+    const auto expect_that_of_a_new_one = [&](const Damping& damping) {
+      Step step, fresh;
+      ASSERT_TRUE(solver->solve(damping, step, {}).success);
+      ASSERT_TRUE(linearized.solve(options, damping, fresh).success);
+      EXPECT_EQ(step.camera, fresh.camera) << enum_name(kind);
+      EXPECT_EQ(step.point, fresh.point) << enum_name(kind);
+      linearized.move(step);
+    };
+    const Damping damping{1e-3, DampingMatrix::kDiagonal};
+    std::vector<char> odd_columns(linearized.map.num_columns);
+    for (std::size_t k = 1; k < odd_columns.size(); k += 2) odd_columns[k] = 1;
+    Step free, held;
+    ASSERT_TRUE(solver->solve(damping, free, {}).success);
+    linearized.hold(odd_columns);
+    ASSERT_TRUE(solver->solve(damping, held, {}).success);
+    EXPECT_NE(held.camera, free.camera);
+    expect_that_of_a_new_one(damping);
+    linearized.hold({});
+    expect_that_of_a_new_one(damping);
+    expect_that_of_a_new_one({1e-2, DampingMatrix::kDiagonal});
+    expect_that_of_a_new_one({1e-2, DampingMatrix::kIdentity});
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Systems,
                          LinearSolverAgainstQr,
                          testing::ValuesIn(support::random_systems()),

@@ -31,14 +31,16 @@ class TwoOperators {
                     ReducedStructure{.pattern = make_camera_pattern(
                                          system.graph, options.pairs, system.normal().pool())})) {
     elimination_.factor({1e-3, DampingMatrix::kDiagonal});
-    blocks_.assemble(diagonal_, rhs);
+    blocks_.form(diagonal_);
+    blocks_.gather(diagonal_, rhs);
   }
 
   Vector by_blocks(const Vector& x) { return product(blocks_, x); }
   Vector from_jacobian(const Vector& x) { return product(*implicit_, x); }
   Vector implicit_rhs() {
     Vector result;
-    implicit_->assemble(diagonal_, result);
+    implicit_->form(diagonal_);
+    implicit_->gather(diagonal_, result);
     return result;
   }
 

@@ -123,7 +123,8 @@ TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
   BlockSparseSchur schur(system.normal(), elimination, shares, structure);
   SchurPreconditioner preconditioner(system.normal(), &schur, shares, groups);
   std::vector<double> rhs;
-  schur.assemble(preconditioner.diagonal(), rhs);
+  schur.form(preconditioner.diagonal());
+  schur.gather(preconditioner.diagonal(), rhs);
   preconditioner.factor(system.normal().camera_damping(kDamping));
   const int n = system.map.num_columns;
   MatrixXd inverse(n, n);

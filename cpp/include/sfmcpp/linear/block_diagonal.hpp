@@ -22,11 +22,15 @@ class CameraBlockDiagonal {
   // The diagonal blocks of Σ Jᵀ (I − G Gᵀ) J + B, and Σ Jᵀ r̄ + b in `rhs`, with M and y of every
   // point in `factors` (schur_kernels.hpp), B and b of camera_terms.hpp. Where all factors are zero
   // this is U and Jᵀ r.
-  void assemble(const PointFactor* factors, std::vector<double>& rhs);
+  void assemble(const PointFactor* factors, std::vector<double>& rhs) {
+    form(factors);
+    gather(rhs, normal_.exchange());
+  }
 
-  // The same in two parts, for callers that form these blocks themselves: the block Σ Jᵀ (I − G Gᵀ)
-  // J of each camera, in panel layout, and its Σ Jᵀ r̄ with what is rounded off behind it are
-  // written here; then they are gathered.
+  // The same in two parts: the block Σ Jᵀ (I − G Gᵀ) J of each camera, in panel layout, and its
+  // Σ Jᵀ r̄ with what is rounded off behind it are formed, or written here by callers that form them
+  // themselves; then they are gathered, as often as they are to be factored.
+  void form(const PointFactor* factors);
   double* camera_block(int i) {
     return camera_blocks_.data() + static_cast<long>(map_.camera_size) * map_.camera_size * i;
   }

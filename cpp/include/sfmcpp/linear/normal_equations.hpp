@@ -38,6 +38,7 @@ struct Damping {
   DampingMatrix matrix = DampingMatrix::kDiagonal;
 
   double operator()(double diagonal_entry) const;
+  bool operator==(const Damping&) const = default;
 };
 
 // Derivative of the cost along the cameras' and along the points' part of a step.
@@ -107,6 +108,7 @@ class NormalEquations {
   CameraTerms& camera_terms() { return camera_terms_; }
   CameraModes& camera_modes() { return camera_modes_; }
   void finish();
+  long num_linearizations() const { return num_linearizations_; }  // that were finished
 
   const ObservationGraph& graph() const { return graph_; }
   const ParameterMap& map() const { return map_; }
@@ -231,6 +233,7 @@ class NormalEquations {
   std::vector<double> camera_rhs_;
   std::vector<double> camera_diagonal_;
   double gradient_max_norm_ = 0.0;
+  long num_linearizations_ = 0;
 };
 
 inline int num_point_tasks(int points) { return ThreadPool::num_parts(points, kPointsPerTask); }
