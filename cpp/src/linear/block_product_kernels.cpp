@@ -132,12 +132,49 @@ void add_block(const double* block, const double* x, double* out) {
   add_symmetric_panels<D>(block, x, out);
 }
 
-template <int D>
-void round_transposed(const double* block, const double* rows, const double* columns, float* out) {
-  for (int row = 0; row < D; ++row) {
-    for (int column = 0; column < D; ++column) {
-      const double scaled = block[panel_index(D, row, column)] * rows[row] * columns[column];
-      out[panel_index(D, column, row)] = static_cast<float>(scaled);
+// The part of the transpose that the panel of rows from kRow on has in that of columns from kColumn
+// on: a square is transposed in registers, and where either is one wide both lie in one line.
+template <int D, int kRow, int kColumn>
+SFMCPP_INLINE void round_part(const double* block,
+                              const double* rows,
+                              const double* columns,
+                              float* out) {
+  constexpr int kHeight = panel_width(D - kRow), kWidth = panel_width(D - kColumn);
+  const double* from = block + kRow * D + kColumn * kHeight;
+  float* to = out + kColumn * D + kRow * kWidth;
+  const auto scaled = [&](int c) {
+    return load<kHeight>(from + c * kHeight) * load<kHeight>(rows + kRow) * columns[kColumn + c];
+  };
+  if constexpr (kWidth == 1) {
+    store(to, scaled(0));
+  } else if constexpr (kHeight == 1) {
+    store(to, load<kWidth>(from) * load<kWidth>(columns + kColumn) * rows[kRow]);
+  } else if constexpr (kHeight == kWidth) {
+    Pack<kWidth> square[kWidth];
+    for (int c = 0; c < kWidth; ++c) square[c] = scaled(c);
+    transpose(square);
+    for (int r = 0; r < kHeight; ++r) store(to + r * kWidth, square[r]);
+  } else {
+    for (int c = 0; c < kWidth; ++c) {
+      const Pack<kHeight> column = scaled(c);
+      for (int r = 0; r < kHeight; ++r) to[r * kWidth + c] = static_cast<float>(column[r]);
+    }
+  }
+}
+
+// Powers of two: their products are exact, in any order.
+template <int D, int kRow = 0, int kColumn = 0>
+inline void round_transposed(const double* block,
+                             const double* rows,
+                             const double* columns,
+                             float* out) {
+  if constexpr (kRow < D) {
+    round_part<D, kRow, kColumn>(block, rows, columns, out);
+    constexpr int kNext = kColumn + panel_width(D - kColumn);
+    if constexpr (kNext < D) {
+      round_transposed<D, kRow, kNext>(block, rows, columns, out);
+    } else {
+      round_transposed<D, kRow + panel_width(D - kRow), 0>(block, rows, columns, out);
     }
   }
 }
