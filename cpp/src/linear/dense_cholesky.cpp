@@ -78,6 +78,15 @@ class NarrowPanel {
   ThreadPool* pool_;
 };
 
+// Of a product, a few tasks for each thread: strips of rows are independent of one another. Each
+// task packs the columns anew.
+int rows_of_task(int rows, const ThreadPool* pool) {
+  constexpr int kTasksPerThread = 4, kFewestRows = 2 * kStrip;
+  if (pool == nullptr || pool->num_threads() == 1) return kTileRows;
+  const int tasks = kTasksPerThread * pool->num_threads();
+  return std::clamp(round_up(rows / tasks, kStrip), kFewestRows, kTileRows);
+}
+
 }  // namespace
 
 ProductScratch::ProductScratch()
@@ -125,14 +134,15 @@ bool factor_panel(const CholeskyKernels& kernels,
   const int wide = columns < 2 * kWide ? columns : kWide;
   for (int begin = 0; begin < columns; begin += wide) {
     const int end = std::min(begin + wide, columns);
-    const int tasks = begin == 0 ? 0 : ThreadPool::num_parts(rows - begin, kTileRows);
+    const int height = rows_of_task(rows - begin, pool);
+    const int tasks = begin == 0 ? 0 : ThreadPool::num_parts(rows - begin, height);
     for_each_task(pool, tasks, [&](int task, int worker) {
-      const int row = begin + task * kTileRows;
+      const int row = begin + task * height;
       subtract_product(kernels,
                        panel,
                        ld,
                        begin,
-                       {row, std::min(row + kTileRows, rows), begin, end},
+                       {row, std::min(row + height, rows), begin, end},
                        panel + begin * ld + row,
                        ld,
                        scratch[worker]);
