@@ -78,16 +78,15 @@ class NarrowPanel {
   ThreadPool* pool_;
 };
 
-// Of a product, a few tasks for each thread: strips of rows are independent of one another. Each
-// task packs the columns anew.
-int rows_of_task(int rows, const ThreadPool* pool) {
+}  // namespace
+
+// Each task packs the columns anew, so it has two strips at least.
+int rows_of_tile(int rows, const ThreadPool* pool) {
   constexpr int kTasksPerThread = 4, kFewestRows = 2 * kStrip;
   if (pool == nullptr || pool->num_threads() == 1) return kTileRows;
   const int tasks = kTasksPerThread * pool->num_threads();
   return std::clamp(round_up(rows / tasks, kStrip), kFewestRows, kTileRows);
 }
-
-}  // namespace
 
 ProductScratch::ProductScratch()
     : rows(static_cast<std::size_t>(kTileRows) * kInner),
@@ -134,7 +133,7 @@ bool factor_panel(const CholeskyKernels& kernels,
   const int wide = columns < 2 * kWide ? columns : kWide;
   for (int begin = 0; begin < columns; begin += wide) {
     const int end = std::min(begin + wide, columns);
-    const int height = rows_of_task(rows - begin, pool);
+    const int height = rows_of_tile(rows - begin, pool);
     const int tasks = begin == 0 ? 0 : ThreadPool::num_parts(rows - begin, height);
     for_each_task(pool, tasks, [&](int task, int worker) {
       const int row = begin + task * height;

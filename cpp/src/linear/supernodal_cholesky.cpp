@@ -13,12 +13,13 @@ constexpr int kSupernodalColumnsPerTask = 32;  // that get what subtrees take fr
 constexpr int kProductStride = kTileRows + kPanel;
 
 // Tiles of the lower triangle of an update.
-void cut_tiles(int padded_height, std::vector<ProductTile>& tiles) {
+void cut_tiles(int padded_height, const ThreadPool* pool, std::vector<ProductTile>& tiles) {
   tiles.clear();
+  const int height = rows_of_tile(padded_height, pool);
   for (int column = 0; column < padded_height; column += kTileColumns) {
     const int end = std::min(column + kTileColumns, padded_height);
-    for (int row = column; row < padded_height; row += kTileRows)
-      tiles.push_back({row, std::min(row + kTileRows, padded_height), column, end});
+    for (int row = column; row < padded_height; row += height)
+      tiles.push_back({row, std::min(row + height, padded_height), column, end});
   }
 }
 
@@ -173,7 +174,7 @@ void SupernodalCholesky::update_above(
   Work& work = work_[worker];
   make_update_map(s_, s_.rows_of(s), s_.offsets_of(s), shape.height, part, work.map);
   work.height = shape.height;
-  cut_tiles(static_cast<int>(shape.rows) - shape.top, work.tiles);
+  cut_tiles(static_cast<int>(shape.rows) - shape.top, pool, work.tiles);
   ProductScratch* scratch = pool == nullptr ? &scratch_[worker] : scratch_.data();
   for_each_task(pool, static_cast<int>(work.tiles.size()), [&](int task, int thread) {
     const ProductTile& tile = work.tiles[task];

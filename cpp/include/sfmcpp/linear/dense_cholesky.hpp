@@ -38,6 +38,10 @@ struct ProductTile {
 inline constexpr int kTileRows = 256;
 inline constexpr int kTileColumns = 128;
 
+// Rows of the tiles of so many, kTileRows at most: a few tiles for each thread. They are
+// independent of one another, so the bits do not depend on it.
+int rows_of_tile(int rows, const ThreadPool* pool);
+
 // Work space of one thread: the factors of a product, packed for the kernels, and the product.
 struct ProductScratch {
   AlignedVector<double> rows;
