@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import fields
 from difflib import get_close_matches
-from typing import Any
+from typing import Any, ClassVar
 
 
 class NamedFields:
@@ -14,10 +14,12 @@ class NamedFields:
     Properties and names that begin with an underscore are left to Python.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
     def __setattr__(self, name: str, value: Any) -> None:
-        known = [field.name for field in fields(self)]  # type: ignore[arg-type]
         is_property = isinstance(getattr(type(self), name, None), property)
-        if not (name in known or name.startswith("_") or is_property):
+        if not (name in self.__dataclass_fields__ or name.startswith("_") or is_property):
+            known = [field.name for field in fields(self)]
             kind = type(self).__name__
             raise AttributeError(f"{kind} has no field {name!r}{meant(name, known)}", name=name)
         super().__setattr__(name, value)
