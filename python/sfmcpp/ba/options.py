@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.named_fields import meant
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -125,12 +126,12 @@ class SolveOptions(_core.SolveOptions):
         super().__init__()
         for name, value in options.items():
             if name not in OPTIONS:
-                raise TypeError(f"unexpected keyword argument {name!r}: options are {', '.join(OPTIONS)}")
+                raise TypeError(f"unexpected keyword argument {name!r}{meant(name, OPTIONS)}")
             setattr(self, name, value)
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in OPTIONS:
-            raise AttributeError(f"SolveOptions has no option {name!r}: options are {', '.join(OPTIONS)}")
+            raise AttributeError(f"SolveOptions has no option {name!r}{meant(name, OPTIONS)}")
         try:
             super().__setattr__(name, value)
         except TypeError:

@@ -27,6 +27,8 @@ _AS_WELL = 1.2
 _MOST = 0.5
 # Real sets of good repute have up to 0.3 % of their points behind a camera (BAL's Ladybug).
 _NOTABLE_BEHIND = 0.01
+# No aspect, but maybe a focal length [px]: as the core has it, whose checks warn of such an aspect.
+_LEAST_FY = 20.0
 
 
 @dataclass(frozen=True)
@@ -105,8 +107,12 @@ def mirrored_y(problem: Problem) -> Problem:
 
 
 def fy_for_aspect(problem: Problem) -> Problem:
-    """The problem with its second intrinsic over the focal length, of models that have an aspect."""
-    if "aspect" not in problem.intrinsic_names:
+    """The problem with its second intrinsic over the focal length, where it may be one.
+
+    What is an aspect would become tiny, and all images lie near a line: nearer to the pixels than those of
+    cameras that look elsewhere.
+    """
+    if "aspect" not in problem.intrinsic_names or not (problem.intrinsics[:, 1] > _LEAST_FY).all():
         return problem
     rows = problem.intrinsics.copy()
     rows[:, 1] /= rows[:, 0]

@@ -36,9 +36,13 @@ def mounting(case: Case) -> Iterator[Finding]:
 
 
 def _observing_sensors(problem: Problem, rigs: Rigs) -> NDArray[np.int64]:
-    """Free sensors with an observation, without the first of a rig that is all free: a solve holds it."""
+    """Free sensors with an observation, without the first of a rig that is all free: a solve holds it.
+
+    It does not where all frames of the rig are fixed, as those of a robot's hand are to find its camera.
+    """
     free = rigs.free_sensors.copy()
-    free[rigs.origin_of_sensor()] = False
+    origins = rigs.origin_of_sensor()
+    free[origins[rigs.sensor_of_camera[~problem.fixed_cameras]]] = False
     return np.intersect1d(np.flatnonzero(free), rigs.sensor_of_camera[problem.camera_index])
 
 

@@ -8,6 +8,7 @@ all the same; a target that runs against its source whatever the rotation.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +48,10 @@ class Similarity:
     scale: float
     rotation: FloatArray
     translation: FloatArray
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(self, scale: float, rotation: ArrayLike, translation: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         require_positive("scale", self.scale)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Sized
 from dataclasses import InitVar, dataclass, field
+from typing import TYPE_CHECKING
 from unicodedata import combining
 
 import numpy as np
@@ -15,6 +16,7 @@ from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
 from sfmcpp.model.checks import looked_up, require_positive, require_text
 from sfmcpp.model.loss_function import LossFunction
+from sfmcpp.model.named_fields import NamedFields
 from sfmcpp.model.names import ConstraintKindName
 
 NO_CAMERA = -1
@@ -25,7 +27,7 @@ ConstraintKind = _core.ConstraintKind
 CONSTRAINT_KINDS: dict[str, ConstraintKind] = {kind.name: kind for kind in _core.CONSTRAINT_KINDS}
 
 
-class MemberGroup:
+class MemberGroup(NamedFields):
     """Base of all groups: a name, and fields that can be checked again."""
 
     name: str
@@ -120,6 +122,28 @@ class ConstraintGroup(MemberGroup):
     loss: LossFunction | str = "squared"
     loss_scale: float | None = None
     sigma: InitVar[ArrayLike | None] = None
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(
+            self,
+            kind: ConstraintKindName | str,
+            cameras: ArrayLike,
+            values: ArrayLike | None = None,
+            weight: float = 1.0,
+            member_weights: ArrayLike | None = None,
+            name: str = "",
+            points: Sequence[ArrayLike] = (),
+            loss: LossFunction | str = "squared",
+            loss_scale: float | None = None,
+            sigma: ArrayLike | None = None,
+        ) -> None: ...
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "sigma":
+            rule = "is not stored, it has set the weights: make a new group with it, or set the weights"
+            raise AttributeError(f"{self._label('sigma')}: {rule}", name=name)
+        super().__setattr__(name, value)
 
     def __post_init__(self, sigma: ArrayLike | None) -> None:
         weighted = self.member_weights is not None or self.weight != 1.0

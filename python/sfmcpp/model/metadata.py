@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, new_numbers, number_array
+from sfmcpp.model.named_fields import NamedFields
 
 # Entries of `Metadata.extra` with a number for each observation, and for each point.
 KEYPOINTS = "colmap_keypoint_index"
@@ -47,7 +48,7 @@ _KEYS = {True: "origin_geodetic", False: "origin_xyz_m"}
 
 
 @dataclass(repr=False, eq=False)
-class Metadata:
+class Metadata(NamedFields):
     """Contents of files beyond the problem itself; kept so that read, write, read loses nothing.
 
     Attributes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,19 +21,20 @@ from sfmcpp.model.arrays import (
 from sfmcpp.model.camera_function import CameraFunction
 from sfmcpp.model.camera_models import OTHER_NAMES, CameraModel, camera_model
 from sfmcpp.model.metadata import Metadata
+from sfmcpp.model.named_fields import NamedFields
 from sfmcpp.model.names import CameraModelName
 from sfmcpp.model.rigs import Rigs
 from sfmcpp.model.uncertainty import Uncertainty, require_one_uncertainty
 
 
 @dataclass(eq=False)
-class Problem:
+class Problem(NamedFields):
     """A bundle adjustment problem: C cameras, G rows of intrinsics, N points, M observations.
 
-    Arrays of the right dtype are used without copying, and a solve changes `cameras`, `intrinsics` and
-    `points` in place, visibly to the caller and to other problems with the same arrays. :meth:`copy` and all
-    ``with_…`` methods return independent problems with the same metadata; ``Problem(…)`` has only the
-    metadata passed to it.
+    C-contiguous arrays of the right dtype are used without copying (others are copied), and a solve changes
+    `cameras`, `intrinsics` and `points` in place when it ends, visibly to the caller and to other problems
+    with the same arrays; a callback sees those of the start. :meth:`copy` and all ``with_…`` methods return
+    independent problems with the same metadata; ``Problem(…)`` has only the metadata passed to it.
 
     Parameters
     ----------
@@ -92,6 +94,27 @@ class Problem:
     fixed_intrinsics: BoolArray = None  # type: ignore[assignment]
     rigs: Rigs | None = None
     metadata: Metadata = field(default_factory=Metadata)
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(
+            self,
+            camera_model: CameraModelName | str | CameraFunction,
+            cameras: ArrayLike,
+            intrinsics: ArrayLike,
+            points: ArrayLike,
+            camera_index: ArrayLike,
+            point_index: ArrayLike,
+            pixels: ArrayLike,
+            intrinsics_index: ArrayLike | None = None,
+            sigma_px: ArrayLike | None = None,
+            covariance_px2: ArrayLike | None = None,
+            fixed_cameras: ArrayLike | None = None,
+            fixed_points: ArrayLike | None = None,
+            fixed_intrinsics: ArrayLike | None = None,
+            rigs: Rigs | None = None,
+            metadata: Metadata = ...,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         model = camera_model(self.camera_model)

@@ -6,7 +6,7 @@ import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ from sfmcpp.model.arrays import (
     require_int32,
 )
 from sfmcpp.model.constraints import ConstraintGroup, MemberGroup
+from sfmcpp.model.evaluation import Evaluation
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.problem import Problem
 
@@ -30,24 +31,6 @@ ResidualFunction: TypeAlias = Callable[..., "ArrayLike | tuple[ArrayLike, ...]"]
 _TANGENT = 6
 # Central differences of a double are best at its third root.
 _STEP = float(np.cbrt(np.finfo(float).eps))
-
-
-class Evaluation(NamedTuple):
-    """Residuals of the members of a group, and their derivatives if requested.
-
-    Attributes
-    ----------
-    residuals : (n, k) float64
-        r of each member.
-    by_poses : (n, k, p, 6) float64 or None
-        Derivatives by the poses of each member, p = 1 or 2: δR, then the centre. None without cameras.
-    by_point : (n, k, 3) float64 or None
-        Derivatives by the point of each member. None without points.
-    """
-
-    residuals: FloatArray
-    by_poses: FloatArray | None = None
-    by_point: FloatArray | None = None
 
 
 @dataclass(eq=False)
@@ -101,6 +84,20 @@ class ResidualGroup(MemberGroup):
     loss: LossFunction | str = "squared"
     loss_scale: float | None = None
     points: IndexArray | None = None
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(
+            self,
+            function: ResidualFunction,
+            cameras: ArrayLike | None = None,
+            weight: float = 1.0,
+            member_weights: ArrayLike | None = None,
+            name: str = "",
+            loss: LossFunction | str = "squared",
+            loss_scale: float | None = None,
+            points: ArrayLike | None = None,
+        ) -> None: ...
 
     @property
     def num_members(self) -> int:

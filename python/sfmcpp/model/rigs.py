@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, IndexArray, finite_array, index_array
 from sfmcpp.model.checks import ROTATION_TOLERANCE, is_rotation
+from sfmcpp.model.named_fields import NamedFields
 
 
 @dataclass(eq=False)
-class Rigs:
+class Rigs(NamedFields):
     """Cameras mounted rigidly together: each camera of a problem is one sensor of one frame.
 
     The pose of camera i follows from both: ``R_i = R_f R_s`` and ``c_i = c_f + R_f t_s``, with the pose of
@@ -47,6 +48,16 @@ class Rigs:
     frame_of_camera: IndexArray
     sensor_of_camera: IndexArray
     free_sensors: BoolArray = None  # type: ignore[assignment]
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(
+            self,
+            sensors: ArrayLike,
+            frame_of_camera: ArrayLike,
+            sensor_of_camera: ArrayLike,
+            free_sensors: ArrayLike | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         self.sensors = finite_array("rigs.sensors", self.sensors, (ANY, 3, 4))

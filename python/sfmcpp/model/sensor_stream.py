@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
@@ -228,6 +230,17 @@ class SensorStream:
     kind: str
     name: str = ""
     max_gap_s: float = None  # type: ignore[assignment]
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(
+            self,
+            t_s: ArrayLike,
+            values: ArrayLike,
+            kind: str,
+            name: str = "",
+            max_gap_s: float | None = None,
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         kind = sensor_kind(self.kind)

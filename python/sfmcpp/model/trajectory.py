@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing
@@ -35,6 +36,10 @@ class Trajectory:
     t_s: FloatArray
     poses: FloatArray
     stamped: bool = True
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(self, t_s: ArrayLike, poses: ArrayLike, stamped: bool = True) -> None: ...
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "t_s", finite_array("t_s", self.t_s, (ANY,)))

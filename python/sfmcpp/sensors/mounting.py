@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
@@ -52,6 +54,10 @@ class Mounting:
 
     camera_from_body: FloatArray
     lever_arm_m: FloatArray
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(self, camera_from_body: ArrayLike, lever_arm_m: ArrayLike) -> None: ...
 
     def __post_init__(self) -> None:
         rotation = finite_array("camera_from_body", self.camera_from_body, (3, 3))

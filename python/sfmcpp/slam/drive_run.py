@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,6 +17,7 @@ from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_at_most, require_positive
 from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.model.named_fields import meant
 from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.sensors.gps import doubt_of_radians, middle_of, require_metres
 from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
@@ -239,9 +239,7 @@ def _require_known(opening: Mapping[str, Any]) -> None:
     known = [*inspect.signature(run).parameters][1:-1] + [*inspect.signature(open_drive).parameters][1:]
     for name in opening:
         if name not in known:
-            close = difflib.get_close_matches(name, known, 1)
-            hint = f"; did you mean {close[0]!r}?" if close else f": must be one of {', '.join(known)}"
-            raise TypeError(f"run() got an unexpected keyword argument {name!r}{hint}")
+            raise TypeError(f"run() got an unexpected keyword argument {name!r}{meant(name, known)}")
 
 
 @checked()

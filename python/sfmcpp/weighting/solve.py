@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
@@ -17,6 +18,7 @@ from sfmcpp.ba.summary import Summary
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.camera_models import require_named
+from sfmcpp.model.named_fields import meant
 from sfmcpp.model.residual_group import Group, checked_groups
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.problem import frame_conflict, select_group_weights
@@ -140,10 +142,16 @@ def solve(
 def _checked_arguments(
     constraints: Iterable[Group], callback: Callback | None, options: SolveKeywords
 ) -> tuple[list[Group], SolveOptions]:
+    known = inspect.signature(solve).parameters
+    for name in options:
+        if name not in known:
+            raise TypeError(f"solve() got an unexpected keyword argument {name!r}{meant(name, known)}")
     settings = SolveOptions(**options)
     settings.validate()
     if callback is not None and not callable(callback):
         raise InvalidArgument(f"callback = {callback!r}: must be callable")
+    if inspect.iscoroutinefunction(callback):
+        raise InvalidArgument(f"callback = {callback!r}: must not be async, nothing would await it")
     return checked_groups(constraints), settings
 
 

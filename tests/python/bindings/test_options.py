@@ -252,5 +252,5 @@ def test_a_cost_refuses_the_scales_that_a_solve_refuses(problem: Problem, loss: 
 
 def test_an_option_that_there_is_not_is_refused_where_it_is_set() -> None:
     options = sfmcpp.SolveOptions()
-    with pytest.raises(AttributeError, match="no option 'max_iteration': options are method, "):
+    with pytest.raises(AttributeError, match="no option 'max_iteration'; did you mean 'max_iterations'"):
         options.max_iteration = 3  # type: ignore[attr-defined]

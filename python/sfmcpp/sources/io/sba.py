@@ -99,7 +99,7 @@ def read_sba(
         intrinsics_index=intrinsics_index,
         sigma_px=tracks.uncertainty.sigma_px,
         covariance_px2=tracks.uncertainty.covariance_px2,
-        fixed_intrinsics=fixed,  # type: ignore[arg-type]
+        fixed_intrinsics=fixed,
         metadata=Metadata(source_format="sba"),
     )
 

@@ -318,7 +318,7 @@ def _streams(path: Path, table: Table, max_gap_s: float | None) -> dict[str, Sen
 def _stream(path: Path, table: Table, values: FloatArray, kind: str, max_gap_s: float | None) -> SensorStream:
     given = ~np.isnan(values).any(axis=1)
     try:
-        return SensorStream(table["t"][given], values[given], kind, kind, max_gap_s)  # type: ignore[arg-type]
+        return SensorStream(table["t"][given], values[given], kind, kind, max_gap_s)
     except ImplausibleSample as error:
         raise DatasetError(path, str(error), int(table[_LINE][given][error.sample])) from error
 

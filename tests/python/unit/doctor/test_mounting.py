@@ -81,6 +81,16 @@ def test_sensors_that_the_data_tell_raise_no_alarm(problem: Problem) -> None:
     assert not found.skipped
 
 
+@pytest.mark.parametrize("turns", [False, True], ids=["straight", "turning"])
+def test_the_only_sensor_of_frames_that_are_fixed_is_examined_too(turns: bool) -> None:
+    hand = rig(turns=turns).with_cameras(np.arange(0, 2 * FRAMES, 2))
+    assert hand.rigs is not None
+    hand.rigs.free_sensors[:] = True
+    hand.fixed_cameras[:] = True
+    codes = [finding.code for finding in sfmcpp.diagnose(hand).findings]
+    assert ("undetermined-sensors" in codes) is not turns, codes
+
+
 def test_of_two_free_sensors_the_one_that_nothing_tells_is_named() -> None:
     problem = rig(turns=False)
     assert problem.rigs is not None

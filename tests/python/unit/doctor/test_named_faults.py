@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from faults import FAULTS, Fault
 from sfmcpp import SCENES, Problem, diagnose, perturb, read
+from sfmcpp.geometry import so3
 
 MODELS = ("calibrated", "perspective", "bal")
 # Cameras, points and seed of a scene.
@@ -97,3 +99,11 @@ def test_sound_scenes_raise_no_alarm(scene: str, model: str) -> None:
 def test_sound_real_problems_raise_no_alarm(data_dir: Path, name: str) -> None:
     diagnosis = diagnose(read(data_dir / name))
     assert diagnosis.is_healthy, str(diagnosis)
+
+
+@pytest.mark.parametrize("seed", [4, 9])
+def test_an_aspect_of_one_is_not_called_fy_where_all_cameras_look_elsewhere(seed: int) -> None:
+    problem = SCENES["sphere"](15, 100, pixel_sigma_px=0.3, seed=seed)
+    turn = so3.exp(np.random.default_rng(seed).normal(0, 0.35, 3))
+    problem.cameras[:, :, :3] = problem.rotations @ turn
+    assert "fy-for-aspect" not in [finding.code for finding in diagnose(problem).findings]
