@@ -17,7 +17,8 @@ from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.sources.io.sensor_csv import columns_of, left_out_columns, read_sensor_csv
+from sfmcpp.sources.io.sensor_columns import columns_of
+from sfmcpp.sources.io.sensor_csv import left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.mounting_files import clock_offset_of, mounting_beside_camera, mounting_of

@@ -21,7 +21,7 @@ from sfmcpp.sources.cameras import file_beside
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
-from sfmcpp.sources.io.sensor_csv import parse_column
+from sfmcpp.sources.io.sensor_columns import parse_column
 from sfmcpp.sources.vision import Frames
 
 _FOLDER_FPS = 10.0
