@@ -142,9 +142,9 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
 
     A camera alone cannot tell whether it has lost the scale or the odometer is wrong: both drift apart. But a
     body has inertia. A speed that changes faster than tyres can make it, or all at once between two samples,
-    is the sensor's: a wheel that slips, blocks or spins, or a factor that changes. Not so what the step of the
-    values explains, as ticks or whole km/h, values that are repeated until there is a new one, or stamps that
-    are late by less than a period.
+    is the sensor's: a wheel that slips, blocks or spins, or a factor that changes. Not so what the step of
+    the values explains, as ticks or whole km/h, values that are repeated until there is a new one, or stamps
+    that are late by less than a period.
 
     Parameters
     ----------
