@@ -92,7 +92,9 @@ class Drive:
             try:
                 require_overlap(stream, *self.frames.span_s)
             except InvalidArgument as error:
-                raise DatasetError(self.file_of.get(stream.kind, self.path), str(error)) from error
+                assumed = self.frames.assumption
+                reason = f"{error}" if assumed is None else f"{error}; but {assumed}"
+                raise DatasetError(self.file_of.get(stream.kind, self.path), reason) from error
         return found
 
     def _contradiction(self, reason: str) -> DatasetError:
