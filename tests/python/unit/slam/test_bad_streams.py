@@ -272,8 +272,8 @@ def test_a_rate_that_is_assumed_is_a_warning_of_a_run_with_sensors(tmp_path: Pat
     assert run(drive, ["odometer"], callback=ends_at_once).result.warnings == []
     late = Drive(tmp_path / "images", short, streams={"speed": there.odometer.shifted(1e6)})
     short.assumed_fps = 10.0
-    with pytest.raises(DatasetError, match="must overlap; .*; but 10 frames per second assumed"):
+    with pytest.raises(DatasetError, match=r"must overlap; .*; but 10 frames per second assumed"):
         late.streams_of(["odometer"])
     short.assumed_fps = None
-    with pytest.raises(DatasetError, match="lets them start together$"):
+    with pytest.raises(DatasetError, match=r"lets them start together$"):
         late.streams_of(["odometer"])
