@@ -8,9 +8,11 @@ SHELL := /bin/bash
 .PHONY: lint-ruff lint-mypy lint-clang-format lint-clang-tidy cpp-build cpp-tests pytest
 
 export PYTHON ?= python3
-# Every build is kept by ccache, where there is one.
+# Every build is kept by ccache, where there is one, for all checkouts of the machine.
 export CMAKE_CXX_COMPILER_LAUNCHER ?= $(shell command -v ccache)
 export CCACHE_SLOPPINESS ?= pch_defines,time_macros
+export CCACHE_BASEDIR ?= $(CURDIR)
+export CCACHE_NOHASHDIR ?= true
 VENV := .venv
 PYTHON_BUILD := build/python
 DEMO_FOLDER ?= sfmcpp-demo

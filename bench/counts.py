@@ -23,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -109,11 +110,14 @@ def count_all(program: Path, solvers: Sequence[str]) -> dict[str, Any]:
         raise NotComparable("this processor has no AVX2")
     if not program.exists():
         raise NotComparable(f"{program} is not built")
+    runs = [(solver, steps) for solver in solvers for steps in (FEW, MANY)]
+    # Side by side: what is counted does not depend on what else runs.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        counted = dict(zip(runs, pool.map(lambda run: count(program, *run), runs), strict=True))
     found: dict[str, Any] = {}
     compiler = ""
     for solver in solvers:
-        few, compiler = count(program, solver, FEW)
-        many, _ = count(program, solver, MANY)
+        (few, compiler), (many, _) = counted[solver, FEW], counted[solver, MANY]
         found[solver] = {FIRST: few, FURTHER: {what: many[what] - few[what] for what in few}}
     return {"compiler": compiler, "libc": "-".join(platform.libc_ver()), "solvers": found}
 

@@ -4,7 +4,8 @@
 
 Runs `bench/scale.py`, `bench/peers/whole_set.py`, `bench/stored_w.py` and the probe of the machine on an
 otherwise idle machine, puts their results into `bench/results`, and fills in the page by `bench/tables.py`.
---quick takes a few minutes, all of it hours. Kernels (kernels.json) are measured by the C++ benchmarks.
+All of it takes hours. --quick, a trial of some minutes, leaves results and page as they are: it fills in a
+copy of the page, in build/benchmarks/quick. Kernels (kernels.json) are measured by the C++ benchmarks.
 """
 
 from __future__ import annotations
@@ -21,10 +22,27 @@ from pathlib import Path
 
 BENCH = Path(__file__).resolve().parent
 RESULTS = BENCH / "results"
+PAGE = BENCH.parent / "docs" / "benchmarks.md"
+DATA = Path(os.environ.get("SFMCPP_DATA", BENCH.parents[1] / "shared" / "data"))
+PROGRAMS = ("sfmcpp_stored_w", "sfmcpp_probe")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, collect, fill in."""
+    args = parse(arguments)
+    scenes = args.scenes or args.work / "scenes"
+    results = trial_folder(args.work / "quick") if args.quick else RESULTS
+    page = results / PAGE.name if args.quick else PAGE
+    scale(args.work / "scale", scenes, args.quick, results)
+    whole_set(args.work / "set", scenes, args.quick, args.extra, results)
+    stored_w(args.build, scenes, results)
+    probe(args.build, results)
+    (results / "versions.md").write_text(versions() + "\n")
+    run("tables.py", "--results", str(results), "--page", str(page))
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The command line; what the last steps need is asked for before the first."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -34,14 +52,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--scenes", type=Path, help="default: scenes in --work")
     parser.add_argument("--extra", type=Path, nargs="*", default=[], help="more files for the set")
     args = parser.parse_args(arguments)
-    scenes = args.scenes or args.work / "scenes"
-    RESULTS.mkdir(exist_ok=True)
-    scale(args.work / "scale", scenes, args.quick)
-    whole_set(args.work / "set", scenes, args.quick, args.extra)
-    stored_w(args.build, scenes)
-    probe(args.build)
-    (RESULTS / "versions.md").write_text(versions() + "\n")
-    run("tables.py")
+    if absent := [name for name in PROGRAMS if not program(args.build, name).is_file()]:
+        parser.error(
+            f"--build {args.build}: no {', '.join(absent)} in bench/cpp: `cmake --preset release && cmake "
+            "--build build/release` builds them"
+        )
+    if absent := [str(path) for path in args.extra if not path.is_file()]:
+        parser.error(f"--extra: no such file: {', '.join(absent)}")
+    return args
+
+
+def trial_folder(folder: Path) -> Path:
+    """A folder for the results of a trial, with the known kernels and a copy of the page."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in (RESULTS / "kernels.json", PAGE):
+        shutil.copy(path, folder)
+    return folder
+
+
+def program(build: Path, name: str) -> Path:
+    """Where a build has a program of the C++ benchmarks."""
+    return build / "bench" / "cpp" / name
 
 
 def run(program: str, *arguments: str) -> None:
@@ -49,13 +80,13 @@ def run(program: str, *arguments: str) -> None:
     subprocess.run([sys.executable, str(BENCH / program), *arguments], check=True)
 
 
-def scale(out: Path, scenes: Path, quick: bool) -> None:
+def scale(out: Path, scenes: Path, quick: bool, results: Path) -> None:
     """Time and memory against size; the page has the table alone."""
     run("scale.py", "--out", str(out), "--scenes", str(scenes), *(["--quick"] if quick else []))
-    shutil.copy(out / "scale.md", RESULTS / "scale.md")
+    shutil.copy(out / "scale.md", results)
 
 
-def whole_set(out: Path, scenes: Path, quick: bool, extra: Sequence[Path]) -> None:
+def whole_set(out: Path, scenes: Path, quick: bool, extra: Sequence[Path], results: Path) -> None:
     """All peers on the set of small and middle problems."""
     from scaling.results import commit
 
@@ -63,23 +94,23 @@ def whole_set(out: Path, scenes: Path, quick: bool, extra: Sequence[Path]) -> No
     more = ["--extra", *map(str, extra)] if extra else []
     run("peers/whole_set.py", "--out", str(out), "--scenes", str(scenes), *fewer, *more)
     for name in ("set.md", "set.json"):
-        shutil.copy(out / commit() / name, RESULTS / name)
+        shutil.copy(out / commit() / name, results)
 
 
-def stored_w(build: Path, scenes: Path) -> None:
+def stored_w(build: Path, scenes: Path, results: Path) -> None:
     """Both variants of W, on the city of 1,000 cameras and, if it is there, the BAL problem."""
     from scaling.cases import CASES
 
-    data = Path(os.environ.get("SFMCPP_DATA", BENCH.parents[1] / "shared" / "data"))
-    files = [*sorted((data / "bal").glob("problem-49*")), CASES["city1000"].path(scenes)]
-    program, out = build / "bench/cpp/sfmcpp_stored_w", RESULTS / "stored-w.json"
-    run("stored_w.py", str(program), *map(str, files), "--out", str(out))
+    files = [*sorted((DATA / "bal").glob("problem-49*")), CASES["city1000"].path(scenes)]
+    stored_w = program(build, "sfmcpp_stored_w")
+    run("stored_w.py", str(stored_w), *map(str, files), "--out", str(results / "stored-w.json"))
 
 
-def probe(build: Path) -> None:
+def probe(build: Path, results: Path) -> None:
     """What the machine can do at most."""
-    found = subprocess.run([build / "bench/cpp/sfmcpp_probe"], capture_output=True, text=True, check=True)
-    (RESULTS / "machine.json").write_text(json.dumps(json.loads(found.stdout), indent=1) + "\n")
+    command = [program(build, "sfmcpp_probe")]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    (results / "machine.json").write_text(json.dumps(json.loads(found.stdout), indent=1) + "\n")
 
 
 def versions() -> str:

@@ -17,6 +17,12 @@ function(sfmcpp_target_defaults target)
   endif()
 endfunction()
 
+# What assertions and sanitizers say of a source, and __FILE__ in a test, is its path within the project: the same object
+# comes of every checkout, so that ccache compiles it once for all of them.
+function(sfmcpp_path_within_project target)
+  target_compile_options(${target} PRIVATE "-ffile-prefix-map=${CMAKE_SOURCE_DIR}/=")
+endfunction()
+
 # Variants of the core for tests, with assertions and these sanitizers.
 set(sfmcpp_variants asan tsan)
 set(sfmcpp_sanitizers_asan address,undefined)
@@ -28,6 +34,7 @@ function(sfmcpp_sanitize target variant)
     set(sanitize -fsanitize=${sfmcpp_sanitizers_${variant}})
     target_compile_options(${target} PRIVATE -O1 -g1 -UNDEBUG ${sanitize} -fno-sanitize-recover=all -fno-omit-frame-pointer)
     target_link_options(${target} PRIVATE ${sanitize})
+    sfmcpp_path_within_project(${target})
     set_target_properties(${target} PROPERTIES EXCLUDE_FROM_ALL ON)
   endif()
 endfunction()

@@ -1,8 +1,5 @@
 """Bundle adjustment, structure from motion and multi-sensor SLAM: a Python package with a C++ core."""
 
-import os
-import time
-from _thread import get_ident
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -26,18 +23,7 @@ else:
     _PARTS = ("_core", "ba", "doctor", "errors", "geometry", "map", "model")
     _PARTS += ("sensors", "sfm", "slam", "sources", "study", "weighting")
 
-    # Threads that are loading one.
-    _loading: list[int] = []
-    _LONGEST_LOAD_S = 60.0
-
     def __getattr__(name: str) -> Any:
-        _loading.append(get_ident())
-        try:
-            return _loaded(name)
-        finally:
-            _loading.remove(get_ident())
-
-    def _loaded(name: str) -> Any:
         if name in _PARTS:
             return import_module(f"{__name__}.{name}")
         if not name.startswith("_") or name in ("__all__", "__version__"):
@@ -46,15 +32,6 @@ else:
         if name in globals():
             return globals()[name]
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
-
-    def _await_loads() -> None:
-        """Let other threads end what they load: a child forked meanwhile would wait for it for ever."""
-        deadline = time.monotonic() + _LONGEST_LOAD_S
-        while any(thread != get_ident() for thread in tuple(_loading)) and time.monotonic() < deadline:
-            time.sleep(0.001)
-
-    if hasattr(os, "register_at_fork"):
-        os.register_at_fork(before=_await_loads)
 
     def __dir__() -> list[str]:
         public = {name for name in _PARTS if not name.startswith("_")}

@@ -40,6 +40,8 @@ _WINDOW, _TICK_S, _PIECE_S = 10, 0.1, 1e4
 # Stamps above this count from 1970 [s]: if two are in different units, their ratio is one of these factors to
 # a thousandth.
 _EPOCH_S, _UNITS, _SAME_TIME = 1e8, (1e-9, 1e-6, 1e-3, 1e3, 1e6, 1e9), 1e-3
+# A recording of sensors and that of the images last equally long to this factor.
+_ABOUT = 3.0
 
 Measure = Callable[[SensorStream, float, float], float]
 
@@ -96,7 +98,8 @@ def require_overlap(stream: SensorStream, first_s: float, last_s: float) -> None
         return
     raise InvalidArgument(
         f"stream {stream.name!r} lasts from {start_s:.3f} to {end_s:.3f} s and the images from {first_s:.3f} "
-        f"to {last_s:.3f} s: must overlap; {_remedy(start_s, first_s)}"
+        f"to {last_s:.3f} s: must overlap; {_unit_of_short(end_s - start_s, last_s - first_s)}"
+        f"{_remedy(start_s, first_s)}"
     )
 
 
@@ -125,6 +128,14 @@ def _remedy(start_s: float, first_s: float) -> str:
         f"are both on the same clock? A clock offset of {first_s - start_s:.6f} s (--clock-offset) lets them "
         "start together"
     )
+
+
+def _unit_of_short(lasts_s: float, images_s: float) -> str:
+    """A hint at the unit of times, if a stream is shorter than the images as one in another unit is."""
+    for factor in _UNITS:
+        if factor < 1 and images_s * factor / _ABOUT < lasts_s < images_s * factor * _ABOUT:
+            return f"it lasts about {factor:g} times as long: check the unit of its times; "
+    return ""
 
 
 def _require_short(stream: SensorStream) -> None:

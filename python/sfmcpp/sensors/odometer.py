@@ -12,6 +12,7 @@ from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
+from sfmcpp.sensors.speed_resolution import measured_anew, step_of
 from sfmcpp.sensors.stream import (
     interpolate_vectors,
     local_medians,
@@ -141,7 +142,9 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
 
     A camera alone cannot tell whether it has lost the scale or the odometer is wrong: both drift apart. But a
     body has inertia. A speed that changes faster than tyres can make it, or all at once between two samples,
-    is the sensor's: a wheel that slips, blocks or spins, or a factor that changes.
+    is the sensor's: a wheel that slips, blocks or spins, or a factor that changes. Not so what the step of
+    the values explains, as ticks or whole km/h, values that are repeated until there is a new one, or stamps
+    that are late by less than a period.
 
     Parameters
     ----------
@@ -159,7 +162,10 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
         If the stream is of another kind.
     """
     t_s, speeds = speeds_of(stream)
-    leaps = _speed_leaps(t_s, speeds)
+    step_m_s = step_of(stream)
+    anew = measured_anew(t_s, speeds, step_m_s)
+    t_s, speeds = t_s[anew], speeds[anew]
+    leaps = _speed_leaps(t_s, speeds, step_m_s)
     found: list[Gap] = []
     at = 0
     if _is_first_alone_wrong(speeds, leaps):
@@ -264,8 +270,11 @@ def speeds_of(stream: SensorStream) -> tuple[FloatArray, FloatArray]:
     return stream.t_s, np.linalg.norm(stream.values, axis=1)
 
 
-def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
-    """Samples after which the speed changes faster than it can, or otherwise than before and after."""
+def _speed_leaps(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> list[int]:
+    """Samples after which the speed changes faster than it can, or otherwise than before and after.
+
+    Beyond what steps of the values explain, and stamps that are early or late by less than a period.
+    """
     if len(speeds) < 3:
         return []
     changes, period_s = np.diff(speeds), np.diff(t_s)
@@ -274,10 +283,14 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray) -> list[int]:
     bends = np.abs(np.diff(speeds, 2))
     varied = bends[bends > 0] if np.mean(bends > 0) > _VARIED else bends
     noise = 1.4826 * float(np.median(varied)) / np.sqrt(6.0)
-    rates = changes / period_s
-    alone = np.abs(rates - local_medians(rates, _NEIGHBOURS)) * period_s
-    too_fast = np.abs(changes) > LARGEST_ACCELERATION_M_S2 * period_s + _NOISE_SIGMAS * noise
-    too_sudden = alone > _LARGEST_JERK_M_S3 * period_s**2 + _NOISE_SIGMAS * np.sqrt(2.0) * noise
+    even_s = np.maximum(period_s, float(np.median(period_s)))
+    usual = local_medians(changes / even_s, _NEIGHBOURS)
+    alone = np.minimum(np.abs(changes - usual * period_s), np.abs(changes - usual * even_s))
+    fastest = LARGEST_ACCELERATION_M_S2 * even_s + step_m_s
+    most_sudden = _LARGEST_JERK_M_S3 * even_s**2 + 2.0 * step_m_s
+    shaken = _NOISE_SIGMAS * np.sqrt(2.0) * noise  # by both ends
+    too_fast = np.abs(changes) > fastest + shaken
+    too_sudden = alone > most_sudden + shaken
     return [int(k) for k in np.flatnonzero(too_fast | too_sudden)]
 
 

@@ -17,7 +17,8 @@ from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.sources.io.sensor_csv import columns_of, left_out_columns, read_sensor_csv
+from sfmcpp.sources.io.sensor_columns import columns_of
+from sfmcpp.sources.io.sensor_csv import left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.mounting_files import clock_offset_of, mounting_beside_camera, mounting_of
@@ -46,6 +47,8 @@ class Drive:
         How the camera sits on the body of the sensors, where the user or a file tells.
     sensor_files : tuple of Path
         Where the streams come from that are not the input's own.
+    file_of : mapping of str to Path
+        Which of these each stream comes from, by kind; without those of the input.
     clock_offset_s : float
         Camera time − sensor time, which the stamps of the streams have had added [s].
     seconds_read : float
@@ -58,6 +61,7 @@ class Drive:
     streams: Mapping[str, SensorStream] = field(default_factory=dict)
     mounting: Mounting | None = None
     sensor_files: tuple[Path, ...] = ()
+    file_of: Mapping[str, Path] = field(default_factory=dict)
     clock_offset_s: float = 0.0
     seconds_read: float = 0.0
 
@@ -82,11 +86,24 @@ class Drive:
             raise InvalidArgument(f"sensors = {list(sensors)}: one is named twice")
         try:
             require_agreement(list(self.streams.values()) if sensors else ())
-            for stream in found:
-                require_overlap(stream, *self.frames.span_s)
         except InvalidArgument as error:
-            raise DatasetError(next(iter(self.sensor_files), self.path), str(error)) from error
+            raise self._contradiction(str(error)) from error
+        for stream in found:
+            try:
+                require_overlap(stream, *self.frames.span_s)
+            except InvalidArgument as error:
+                assumed = self.frames.assumption
+                reason = f"{error}" if assumed is None else f"{error}; but {assumed}"
+                raise DatasetError(self.file_of.get(stream.kind, self.path), reason) from error
         return found
+
+    def _contradiction(self, reason: str) -> DatasetError:
+        """Error in streams, which names the files that hold them."""
+        files = {self.file_of.get(kind, self.path) for kind in self.streams}
+        if len(files) == 1:
+            return DatasetError(files.pop(), reason)
+        held = ", ".join(f"{kind!r} of {self.file_of.get(kind, self.path).name}" for kind in self.streams)
+        return DatasetError(self.path, f"{reason} The streams are {held}")
 
     def _stream_of(self, name: str) -> SensorStream:
         kinds = looked_up("sensor", name, SENSORS)
@@ -181,16 +198,17 @@ def open_drive(
     told = mounting if mounting is not None else _file_of(camera)
     offset_s = clock_offset_of(told) if clock_offset_s is None else clock_offset_s
     streams = {kind: stream.shifted(offset_s) for kind, stream in apart.beside(own).items()}
-    return Drive(source, frames, truth, streams, how, files, offset_s, seconds)
+    return Drive(source, frames, truth, streams, how, files, apart.file_of, offset_s, seconds)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sensors:
-    """Streams by kind; how they are mounted and when images were taken, where their file tells."""
+    """Streams by kind, and their files; mounting and times of images, where a file tells them."""
 
     streams: Mapping[str, SensorStream] = field(default_factory=dict)
     mounting: Mounting | None = None
     image_t_s: FloatArray | None = None
+    file_of: Mapping[str, Path] = field(default_factory=dict)
 
     def beside(self, own: _Sensors) -> dict[str, SensorStream]:
         """Its streams, and of the input's `own` those of sensors that it has nothing for."""
@@ -211,13 +229,16 @@ def _read_all_sensors(files: Sequence[Path], columns: Mapping[str, str | float] 
         raise InvalidArgument(f"sensor_columns: {told}: must be one, which holds them")
     found = [_read_sensors(file, columns) for file in files]
     streams: dict[str, SensorStream] = {}
+    file_of: dict[str, Path] = {}
     for file, sensors in zip(files, found, strict=True):
         twice = streams.keys() & sensors.streams.keys()
         if twice:
             raise DatasetError(file, f"holds {min(twice)}, as another sensor file does: must be in one")
         streams |= sensors.streams
+        file_of |= dict.fromkeys(sensors.streams, file)
     mounting = next((some.mounting for some in found if some.mounting is not None), None)
-    return _Sensors(streams, mounting, next((s.image_t_s for s in found if s.image_t_s is not None), None))
+    image_t_s = next((some.image_t_s for some in found if some.image_t_s is not None), None)
+    return _Sensors(streams, mounting, image_t_s, file_of)
 
 
 def _read_sensors(file: Path, columns: Mapping[str, str | float] | None) -> _Sensors:

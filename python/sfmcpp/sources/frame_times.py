@@ -2,8 +2,8 @@
 
 The first that there is counts: a frame rate of the user; stamps of the sensors' drive; ``times.txt``, a line
 for each image, in seconds or, of some clock since 1970, in nanoseconds; EuRoC's ``data.csv``, which tells the
-time of each image by its name; names of images that are nanoseconds since 1970; the frame rate of the video;
-ten a second. Files lie with the images or one folder above.
+time of each image by its name; names of images that are nanoseconds or, with decimals, seconds since 1970;
+the frame rate of the video; ten a second. Files lie with the images or one folder above.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sfmcpp.sources.cameras import file_beside
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
-from sfmcpp.sources.io.sensor_csv import parse_column
+from sfmcpp.sources.io.sensor_columns import parse_column
 from sfmcpp.sources.vision import Frames
 
 _FOLDER_FPS = 10.0
@@ -32,6 +32,7 @@ _NO_SECONDS, _SURELY_NS = 1e11, 1e17
 # Numbers of fewer images tell no usual step, and more gaps than this share are none.
 _FEWEST_NUMBERED, _MOST_GAPS = 4, 0.2
 _NAMED_BY_NS = re.compile(r"\d{18,19}")
+_NAMED_BY_S = re.compile(r"\d{9,10}\.\d{2,9}")
 
 TimeOf = Callable[[int], float]
 
@@ -218,9 +219,11 @@ def _times_by_name(path: Path, images: Frames) -> FloatArray | None:
 
 def _times_of_names(images: Frames) -> FloatArray | None:
     stems = [Path(name).stem for name in images.names]
-    if not stems or not all(map(_NAMED_BY_NS.fullmatch, stems)):
-        return None
-    return _require_increasing_times(images.path, images, np.array([float(stem) for stem in stems]) * _NS)
+    for pattern, unit_s in ((_NAMED_BY_NS, _NS), (_NAMED_BY_S, 1.0)):
+        if stems and all(map(pattern.fullmatch, stems)):
+            times = np.array([float(stem) for stem in stems]) * unit_s
+            return _require_increasing_times(images.path, images, times)
+    return None
 
 
 def _require_increasing_times(path: Path, images: Frames, t_s: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/cameras/matrix34.hpp"
 #include "sfmcpp/math/so3.hpp"
+#include "support/enumerators.hpp"
 #include "support/random_constraints.hpp"
 
 namespace sfmcpp::ba::constrained_solve_test {
@@ -110,12 +111,7 @@ INSTANTIATE_TEST_SUITE_P(
                     std::pair(Method::kLevenbergMarquardtNielsen, LinearSolverKind::kIterative),
                     std::pair(Method::kGaussNewton, LinearSolverKind::kDense),
                     std::pair(Method::kDogLeg, LinearSolverKind::kSparse)),
-    [](const auto& test) {
-      std::string name = std::string(enum_name(test.param.first)) + "_" +
-                         std::string(enum_name(test.param.second));
-      std::replace(name.begin(), name.end(), '-', '_');
-      return name;
-    });
+    [](const auto& test) { return support::identifier_of(test.param.first, test.param.second); });
 
 // Their steps see neither scale nor place, only what their diagonal blocks do.
 class SlowMethod : public testing::TestWithParam<Method> {};
@@ -139,11 +135,7 @@ INSTANTIATE_TEST_SUITE_P(Methods,
                          testing::Values(Method::kGradientDescent,
                                          Method::kConjugateGradient,
                                          Method::kAlternation),
-                         [](const auto& test) {
-                           std::string name(enum_name(test.param));
-                           std::replace(name.begin(), name.end(), '-', '_');
-                           return name;
-                         });
+                         [](const auto& test) { return support::identifier_of(test.param); });
 
 // Cameras 0–3 see points 0–19, cameras 4–7 points 20–39.
 OwnedProblem two_parts() {

@@ -8,6 +8,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "support/cut_scene.hpp"
+#include "support/enumerators.hpp"
 #include "support/random_constraints.hpp"
 #include "support/threaded_exchange.hpp"
 
@@ -19,6 +20,7 @@ using optim::LineSearchKind;
 using optim::Method;
 using optim::State;
 using support::chain_scene;
+using support::identifier;
 using support::observed_where;
 using support::OwnedProblem;
 using support::part_of;
@@ -174,11 +176,6 @@ struct Case {
   SolveOptions options;
 };
 void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
-
-std::string identifier(std::string name) {
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-}
 
 std::vector<Case> methods_and_solvers() {
   std::vector<Case> cases;

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/solve.hpp"
+#include "support/enumerators.hpp"
 #include "support/random_constraints.hpp"
 #include "support/refusal.hpp"
 
@@ -131,12 +132,7 @@ INSTANTIATE_TEST_SUITE_P(
                     std::pair(Method::kLevenbergMarquardtNielsen, LinearSolverKind::kIterative),
                     std::pair(Method::kGaussNewton, LinearSolverKind::kDense),
                     std::pair(Method::kDogLeg, LinearSolverKind::kSparse)),
-    [](const auto& test) {
-      std::string name = std::string(enum_name(test.param.first)) + "_" +
-                         std::string(enum_name(test.param.second));
-      std::replace(name.begin(), name.end(), '-', '_');
-      return name;
-    });
+    [](const auto& test) { return support::identifier_of(test.param.first, test.param.second); });
 
 TEST(HeldCameras, BitsDoNotDependOnThreads) {
   std::vector<State> states;

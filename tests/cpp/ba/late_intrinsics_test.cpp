@@ -43,6 +43,9 @@ TEST(LateIntrinsics, CountSharedRowsOnce) {
   const LinearizedProblem work(scene(CameraModelId::kBal, 3));
   EXPECT_FALSE(far_after(work, 1, 1.5));
   EXPECT_TRUE(far_after(work, 2, 1.5));
+  support::OwnedProblem uneven = scene(CameraModelId::kBal, 3);
+  uneven.intrinsics_index = {0, 0, 0, 0, 0, 1, 2};
+  EXPECT_FALSE(far_after(LinearizedProblem(uneven), 1, 1.5));
 }
 
 TEST(LateIntrinsics, DoNotMoveWhereTheyAreFixed) {

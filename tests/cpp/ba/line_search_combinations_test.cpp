@@ -1,11 +1,11 @@
 // Every method × line search × camera model is a way to the same minimum, and never goes up.
-#include <algorithm>
 #include <cmath>
 
 #include <gtest/gtest.h>
 
 #include "sfmcpp/ba/solve.hpp"
 #include "support/all_models.hpp"
+#include "support/enumerators.hpp"
 #include "support/small_scenes.hpp"
 
 namespace sfmcpp::ba::line_search_combinations_test {
@@ -73,10 +73,7 @@ std::vector<Combination> combinations(const std::vector<Method>& methods) {
 }
 
 std::string name_of(const testing::TestParamInfo<Combination>& test) {
-  std::string name = std::string(enum_name(std::get<0>(test.param))) + "_" +
-                     std::string(enum_name(std::get<1>(test.param)));
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
+  return support::identifier_of(std::get<0>(test.param), std::get<1>(test.param));
 }
 
 INSTANTIATE_TEST_SUITE_P(SecondOrder,

@@ -1,5 +1,4 @@
 // A solve that goes on from where another stood ends with the bits of one that never stopped.
-#include <algorithm>
 #include <ostream>
 
 #include <gtest/gtest.h>
@@ -8,6 +7,7 @@
 #include "sfmcpp/core/error.hpp"
 #include "support/all_models.hpp"
 #include "support/cut_scene.hpp"
+#include "support/enumerators.hpp"
 #include "support/threaded_exchange.hpp"
 
 namespace sfmcpp::ba::resume_test {
@@ -197,11 +197,7 @@ TEST_P(Resumed, EndsWithTheSameBitsAfterAnInterruptionWithinAStep) {
   expect_same(run(c, &broken.stood.back()), whole);
 }
 
-constexpr auto kNameOfCase = [](const auto& test) {
-  std::string name = test.param.name;
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-};
+constexpr auto kNameOfCase = [](const auto& test) { return support::identifier(test.param.name); };
 
 INSTANTIATE_TEST_SUITE_P(All, Resumed, testing::ValuesIn(cases()), kNameOfCase);
 INSTANTIATE_TEST_SUITE_P(FallingScale, Resumed, testing::ValuesIn(falling_scales()), kNameOfCase);

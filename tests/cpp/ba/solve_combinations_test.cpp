@@ -1,5 +1,4 @@
 // Every method × linear solver × loss × camera model is a way to the same minimum.
-#include <algorithm>
 #include <map>
 
 #include <gtest/gtest.h>
@@ -7,6 +6,7 @@
 #include "sfmcpp/ba/solve.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "support/all_models.hpp"
+#include "support/enumerators.hpp"
 #include "support/small_scenes.hpp"
 
 namespace sfmcpp::ba::solve_combinations_test {
@@ -117,11 +117,7 @@ TEST_P(EveryCombination, ReachesTheSameMinimum) {
 
 std::string name_of(const testing::TestParamInfo<Combination>& test) {
   const auto& [model, method, solver, loss] = test.param;
-  std::string name(enum_name(model));
-  for (std::string_view part : {enum_name(method), enum_name(solver), enum_name(loss)})
-    name.append("_").append(part);
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
+  return support::identifier_of(model, method, solver, loss);
 }
 
 INSTANTIATE_TEST_SUITE_P(All, EveryCombination, testing::ValuesIn(every_combination()), name_of);

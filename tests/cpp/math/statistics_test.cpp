@@ -86,6 +86,19 @@ TEST(RadiusOfInliers, IsTheLargestDistanceWhereThereAreNoOutliers) {
   EXPECT_EQ(radius_of_inliers({3.0}, 1e6), 3.0);
 }
 
+TEST(RadiusOfInliers, ExactOnesBesideNoisyOnesDoNotEndIt) {
+  std::vector<double> distances(20, 0.0);
+  for (int k = 0; k < 50; ++k) distances.push_back(0.5 + 0.01 * k);
+  EXPECT_EQ(radius_of_inliers(distances, 1e6), distances.back());
+}
+
+TEST(RadiusOfInliers, AGapBeforeAFewIsChance) {
+  std::vector<double> distances;
+  for (int k = 1; k <= 100; ++k) distances.push_back(0.01 * k);
+  for (int k = 0; k < 10; ++k) distances.push_back(3.0 + 0.01 * k);
+  EXPECT_EQ(radius_of_inliers(distances, 1e9), distances.back());
+}
+
 TEST(RadiusOfInliers, DoesNotDependOnTheUnit) {
   std::vector<double> distances = scatter(1000, 1.0, 500, 800.0, 7);
   const double radius = radius_of_inliers(distances, 800.0 * 800.0);

@@ -1,10 +1,10 @@
 // A method that was saved and restored goes on with the same bits.
-#include <algorithm>
 
 #include <gtest/gtest.h>
 
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "sfmcpp/optim/step_strategy.hpp"
+#include "support/enumerators.hpp"
 #include "support/random_system.hpp"
 
 namespace sfmcpp::optim::checkpoint_test {
@@ -73,19 +73,10 @@ TEST_P(SavedMethod, RefusesNumbersThatAreNotItsOwn) {
   EXPECT_THROW(restore(saved, {}, *strategy), InvalidArgument);
 }
 
-std::vector<Method> all_methods() {
-  std::vector<Method> methods;
-  for (const auto& [method, name] : EnumNames<Method>::kTable) methods.push_back(method);
-  return methods;
-}
-
-std::string test_name(const testing::TestParamInfo<Method>& test) {
-  std::string name(enum_name(test.param));
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-}
-
-INSTANTIATE_TEST_SUITE_P(Methods, SavedMethod, testing::ValuesIn(all_methods()), test_name);
+INSTANTIATE_TEST_SUITE_P(Methods,
+                         SavedMethod,
+                         testing::ValuesIn(support::all_enumerators<Method>()),
+                         [](const auto& test) { return support::identifier_of(test.param); });
 
 }  // namespace
 }  // namespace sfmcpp::optim::checkpoint_test

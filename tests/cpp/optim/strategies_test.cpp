@@ -1,5 +1,4 @@
 // What holds of every method.
-#include <algorithm>
 #include <limits>
 
 #include <gtest/gtest.h>
@@ -7,6 +6,7 @@
 #include "sfmcpp/linear/step_algebra.hpp"
 #include "sfmcpp/optim/minimizer.hpp"
 #include "support/dense_reference.hpp"
+#include "support/enumerators.hpp"
 
 namespace sfmcpp::optim::strategies_test {
 namespace {
@@ -93,19 +93,10 @@ TEST_P(EveryMethod, RejectionsShortenTheStepUntilNothingIsLeftToTry) {
   }
 }
 
-std::vector<Method> all_methods() {
-  std::vector<Method> methods;
-  for (const auto& [method, name] : EnumNames<Method>::kTable) methods.push_back(method);
-  return methods;
-}
-
-std::string test_name(const testing::TestParamInfo<Method>& test) {
-  std::string name(enum_name(test.param));
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-}
-
-INSTANTIATE_TEST_SUITE_P(Methods, EveryMethod, testing::ValuesIn(all_methods()), test_name);
+INSTANTIATE_TEST_SUITE_P(Methods,
+                         EveryMethod,
+                         testing::ValuesIn(support::all_enumerators<Method>()),
+                         [](const auto& test) { return support::identifier_of(test.param); });
 
 }  // namespace
 }  // namespace sfmcpp::optim::strategies_test

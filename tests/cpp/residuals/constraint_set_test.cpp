@@ -257,6 +257,18 @@ TEST_F(RefusedConstraint, FrozenPointsMustBeInFrontOfTheCamera) {
                  {"constraints['orientation-reprojections'][0].points[2]: depth -1.0"});
 }
 
+TEST_F(RefusedConstraint, FrozenPointsMustBeInFrontOfTheMeasuredCameraToo) {
+  add(Kind::kOrientationReprojections, [&](auto& g) {
+    const double* pose = problem.cameras.data() + 12;
+    for (int row = 0; row < 3; ++row)  // as the camera is, but for half a turn about its y axis
+      for (int column = 0; column < 3; ++column)
+        g.members[0].pose.rotation(row, column) =
+            (column == 1 ? 1.0 : -1.0) * pose[4 * row + column];
+  });
+  expect_refused([&] { check(); },
+                 {"constraints['orientation-reprojections'][0].points[0]: depth -"});
+}
+
 TEST_F(RefusedConstraint, IntrinsicsThatTheCameraModelHasNotAreRefused) {
   add(Kind::kPrincipalPoint, [](auto&) {});
   for (CameraModelId model : {CameraModelId::kCalibrated, CameraModelId::kBal}) {

@@ -161,6 +161,15 @@ TEST(LossTable, WeightsThatAreNothingBesideTheLargestMaySwingAboutZero) {
   EXPECT_NE(refusal_of({0.0, 1.0, 2.0}, coefficients), "no error");
 }
 
+TEST(LossTable, GoesOnAsALineBeyondItsLastKnot) {
+  const LossTable loss("line", {0.0, 1.0}, {0.8, -0.3, 0, 0, 0, 0, 0, 0});
+  EXPECT_NEAR(loss.rho(1.0), 0.65, 1e-15);
+  EXPECT_NEAR(loss.rho(5.0), 0.65 + 4.0 * 0.5, 1e-14);
+  EXPECT_NEAR(loss.derivative(5.0), 0.5, 1e-15);
+  EXPECT_NEAR(loss.influence_slope(0.5), 0.65 - 0.3 * 0.5, 1e-15);
+  EXPECT_NEAR(loss.influence_slope(5.0), 0.5, 1e-15);
+}
+
 // 0.3 − 0.1 − 0.2 is less than zero, by rounding.
 TEST(LossTable, DoesNotFallBeyondItsLastKnot) {
   const LossTable loss("falls", {0.0, 1.0}, {0.3, -0.1, -0.2, 0, 0, 0, 0, 0});

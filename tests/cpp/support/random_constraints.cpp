@@ -160,17 +160,7 @@ std::vector<ConstraintKind> pose_constraint_kinds() {
   return kinds;
 }
 
-std::vector<ConstraintKind> all_constraint_kinds() {
-  std::vector<ConstraintKind> kinds;
-  for (const auto& [kind, name] : EnumNames<ConstraintKind>::kTable) kinds.push_back(kind);
-  return kinds;
-}
-
-std::string identifier_of(ConstraintKind kind) {
-  std::string name(enum_name(kind));
-  std::replace(name.begin(), name.end(), '-', '_');
-  return name;
-}
+std::vector<ConstraintKind> all_constraint_kinds() { return all_enumerators<ConstraintKind>(); }
 
 ConstraintGroup random_group(const OwnedProblem& scene,
                              ConstraintKind kind,

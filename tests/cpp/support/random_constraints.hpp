@@ -8,13 +8,12 @@
 #include <gtest/gtest.h>
 
 #include "support/dense_reference.hpp"
+#include "support/enumerators.hpp"
 
 namespace sfmcpp::support {
 
 std::vector<residuals::ConstraintKind> all_constraint_kinds();
 std::vector<residuals::ConstraintKind> pose_constraint_kinds();
-// As a name of a test.
-std::string identifier_of(residuals::ConstraintKind kind);
 
 // A member for each pair (previous, camera); kinds on one camera take the second. Measured with an
 // error of about `noise` radians, metres, or tenths of the focal length. Named after its kind.

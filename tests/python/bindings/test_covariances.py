@@ -127,6 +127,14 @@ def test_round_covariances_have_the_bits_of_standard_deviations(options: dict[st
         np.testing.assert_array_equal(a, b)
 
 
+def test_axes_of_the_image_may_differ_in_their_noise_alone() -> None:
+    problem = replace(scene(), covariance_px2=np.tile(np.diag([1.0, 9.0]), (180, 1, 1)))
+    np.testing.assert_allclose(sfmcpp.residuals(problem), whitened_residuals(problem), rtol=1e-10, atol=1e-9)
+    summary = sfmcpp.solve(problem, function_tolerance=1e-12)
+    least = 0.5 * np.sum(whitened_residuals(problem) ** 2)
+    assert summary.final_cost == pytest.approx(least, rel=1e-12)
+
+
 def test_the_linear_model_is_that_of_the_whitened_residuals() -> None:
     problem = scene()
     sfmcpp.solve(problem, function_tolerance=1e-10)

@@ -116,6 +116,9 @@ def test_searches_can_wait_for_a_rejected_step() -> None:
     first = next(k for k, i in enumerate(plain.iterations) if not i.accepted)
     assert [i.line_searched for i in rescued.iterations[: first + 1]] == [False] * first + [True]
     assert rescued.iterations[first].accepted
+    # The damping learns from the unit step, which has failed.
+    dampings = [rescued.iterations[k].damping for k in (first, first + 1)]
+    assert dampings[1] == pytest.approx(10 * dampings[0], rel=1e-9, abs=0)
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def test_the_demo_does_without_pictures_where_nothing_draws_them(tmp_path: Path)
 
 
 def test_the_demo_keeps_the_noisy_start_it_was_asked_for(tmp_path: Path) -> None:
-    assert run("demo", "-o", tmp_path, "--seed", "5").returncode == 0
+    assert run_here("demo", "-o", tmp_path, "--seed", "5").returncode == 0
     start = sfmcpp.read(tmp_path / "problem.npz")
     expected = perturb(
         circle_scene(seed=5), point_sigma_m=0.5, position_sigma_m=1.0, rotation_sigma_deg=15.0, seed=5
@@ -63,7 +63,7 @@ def test_the_demo_keeps_the_noisy_start_it_was_asked_for(tmp_path: Path) -> None
 
 def test_a_demo_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    result = run("demo", "-o", tmp_path / "file")
+    result = run_here("demo", "-o", tmp_path / "file")
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{tmp_path / 'file'}: " in result.stderr
@@ -72,7 +72,7 @@ def test_a_demo_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["copy.txt", "copy.txt.gz", "copy.out", "model"])
 def test_convert_keeps_the_cost(tmp_path: Path, name: str) -> None:
     source = write_noisy_circle(tmp_path)
-    result = run("convert", source, tmp_path / name)
+    result = run_here("convert", source, tmp_path / name)
     assert (result.returncode, result.stderr) == (0, "")
     converted = sfmcpp.cost(sfmcpp.read(tmp_path / name))
     assert converted == pytest.approx(sfmcpp.cost(sfmcpp.read(source)), rel=1e-9)
@@ -196,7 +196,7 @@ def test_second_sightings_that_count_once_are_told(tmp_path: Path, command: list
 def test_a_failed_conversion_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
     source = tmp_path / "bad.txt"
     source.write_text("1 1\n")
-    result = run("convert", source, tmp_path / "out.npz")
+    result = run_here("convert", source, tmp_path / "out.npz")
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{source}:" in result.stderr

@@ -70,13 +70,13 @@ def test_a_path_at_another_scale_is_aligned_unless_told_not_to(tmp_path: Path) -
     files = write_pair(tmp_path, truth.with_poses(away.apply_to_poses(truth.poses)))
     report = tmp_path / "report.json"
     command = ("evaluate", files[0], "--truth", files[1], "--report", report, "--quiet")
-    result = run(*command, "--align", "first:0.4")
+    result = run_here(*command, "--align", "first:0.4")
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     content = strict_json(report)
     assert content["alignment"]["scale"] == pytest.approx(4.0)
     assert content["alignment"]["pairs"] == 20
     assert content["mean_3d_error_m"] == pytest.approx(0.0, abs=1e-9)
-    assert run(*command, "--no-scale").returncode == 0
+    assert run_here(*command, "--no-scale").returncode == 0
     content = strict_json(report)
     assert content["alignment"]["scale"] == 1.0
     assert content["scale_ratio"]["mean"] == pytest.approx(0.25)
@@ -84,7 +84,7 @@ def test_a_path_at_another_scale_is_aligned_unless_told_not_to(tmp_path: Path) -
 
 def test_a_straight_start_is_warned_of(tmp_path: Path) -> None:
     estimate, truth = write_pair(tmp_path, lifted(helix(), 1e-3))
-    result = run("evaluate", estimate, "--truth", truth, "--align", "first:3")
+    result = run_here("evaluate", estimate, "--truth", truth, "--align", "first:3")
     assert result.returncode == 0
     assert "warning" in result.stdout
     assert "hardly determined" in result.stdout
@@ -134,7 +134,9 @@ def test_the_truth_of_a_drive_agrees_with_itself_in_another_format(tmp_path: Pat
     drive = data_dir / "kitti_tracks/2011_09_26_drive_0005_sync_KLT.mat"
     write_trajectory(read_trajectory(drive), tmp_path / "copy.txt")
     report = tmp_path / "report.json"
-    result = run("evaluate", tmp_path / "copy.txt", "--truth", drive, "--align", "none", "--report", report)
+    result = run_here(
+        "evaluate", tmp_path / "copy.txt", "--truth", drive, "--align", "none", "--report", report
+    )
     assert result.returncode == 0
     assert strict_json(report)["matched_poses"] == 154
     assert strict_json(report)["mean_3d_error_m"] == pytest.approx(0.0, abs=1e-9)

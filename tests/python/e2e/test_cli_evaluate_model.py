@@ -63,7 +63,7 @@ def test_a_run_is_measured_on_screen_in_the_report_and_in_the_picture(tmp_path: 
     assert content["centre_error"]["median"] == pytest.approx(0, abs=1e-9)
     assert set(content["auc"]) == {"1", "3", "5", "10"}
     assert picture.read_bytes().startswith(PNG)
-    assert run(*command, "--quiet").stdout == ""
+    assert run_here(*command, "--quiet").stdout == ""
 
 
 def test_a_colmap_model_and_a_trajectory_are_truths_too(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_a_colmap_model_and_a_trajectory_are_truths_too(tmp_path: Path) -> None:
     rows = [" ".join(map(repr, pose.ravel().tolist())) for pose in problem.cameras]
     (tmp_path / "poses.txt").write_text("\n".join(rows))
     for truth in ("truth", "poses.txt"):
-        result = run(
+        result = run_here(
             "evaluate", model / "model", "--truth", tmp_path / truth, "--report", tmp_path / "r.json"
         )
         assert result.returncode == 0

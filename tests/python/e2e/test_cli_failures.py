@@ -59,7 +59,7 @@ def test_bad_usage_is_one_line_before_any_file_is_looked_at(arguments: list[str]
 def test_the_file_and_the_line_at_fault_are_named(tmp_path: Path) -> None:
     source = tmp_path / "bad.txt"
     source.write_text("1 1 1\n0 0 1.0 2.0\n" + "0\n" * 8 + "x\n" + "0\n" * 3)
-    result = run("solve", source, "-o", tmp_path / "out.txt")
+    result = run_here("solve", source, "-o", tmp_path / "out.txt")
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert result.stderr.startswith(f"sfmcpp: error: {source}:11: ")
@@ -169,7 +169,7 @@ def test_a_numerical_failure_still_writes_a_strict_report_and_the_state(tmp_path
     problem.points[0] = problem.centres[problem.camera_index[problem.point_index == 0][0]]
     source, output, report = (tmp_path / name for name in ("start.npz", "out.npz", "report.json"))
     sfmcpp.write(problem, source)
-    result = run("solve", source, "-o", output, "--report", report, "--quiet")
+    result = run_here("solve", source, "-o", output, "--report", report, "--quiet")
     assert result.returncode == 3
     assert is_one_error_line(result)
     content = strict_json(report)
@@ -245,6 +245,6 @@ def test_a_module_that_cannot_be_loaded_is_told_in_one_line(
 
 
 def test_a_limit_of_memory_is_told_by_the_option_of_the_command_line(tmp_path: Path) -> None:
-    result = run("solve", write_noisy_circle(tmp_path), "--max-memory", "1KB")
+    result = run_here("solve", write_noisy_circle(tmp_path), "--max-memory", "1KB")
     assert result.returncode == 2
     assert ": --max-memory 1000: the leanest, 'iterative', would need" in result.stderr

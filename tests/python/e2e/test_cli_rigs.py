@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import run
+from cli_helpers import run_here
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def start(tmp_path: Path) -> Path:
 
 
 def test_a_rig_is_solved_and_written_as_one(start: Path, tmp_path: Path) -> None:
-    done = run("solve", start, "-o", tmp_path / "solved")
+    done = run_here("solve", start, "-o", tmp_path / "solved")
     assert done.returncode == 0, done.stderr
     assert "solved as rigs: one pose for each of 4 frames, sensors fixed" in done.stdout
     solved, before = sfmcpp.read(tmp_path / "solved"), sfmcpp.read(start)
@@ -38,7 +38,7 @@ def test_sensors_of_a_rig_are_found_and_written(start: Path, tmp_path: Path) -> 
     problem.rigs.sensors[1, :, 3] += 0.05
     problem.cameras[:] = problem.rigs.cameras(frames)
     sfmcpp.write(problem, tmp_path / "away")
-    done = run("solve", tmp_path / "away", "-o", tmp_path / "found", "--rigs", "free")
+    done = run_here("solve", tmp_path / "away", "-o", tmp_path / "found", "--rigs", "free")
     assert done.returncode == 0, done.stderr
     assert "solved as rigs: one pose for each of 4 frames, 2 of 3 sensors free" in done.stdout
     found = sfmcpp.read(tmp_path / "found")
@@ -54,13 +54,13 @@ def test_sensors_are_not_asked_for_where_there_are_no_rigs(start: Path, tmp_path
     alone = sfmcpp.read(start)
     alone.rigs = None
     sfmcpp.write(alone, tmp_path / "alone.npz")
-    refused = run("solve", tmp_path / "alone.npz", "--rigs", "free")
+    refused = run_here("solve", tmp_path / "alone.npz", "--rigs", "free")
     told = "alone.npz: no rigs, so there are no sensors for --rigs free" in refused.stderr
     assert (refused.returncode, told) == (2, True)
 
 
 def test_a_rig_can_be_let_go_of(start: Path, tmp_path: Path) -> None:
-    done = run("solve", start, "-o", tmp_path / "alone", "--rigs", "ignore")
+    done = run_here("solve", start, "-o", tmp_path / "alone", "--rigs", "ignore")
     assert done.returncode == 0, done.stderr
     assert "rigs" not in done.stdout.replace("--rigs", "")
     assert sfmcpp.read(tmp_path / "alone").rigs is None
@@ -71,7 +71,7 @@ def test_positions_bring_a_rig_to_their_scale(start: Path, tmp_path: Path) -> No
     before = sfmcpp.read(start)
     rows = [f"{k},{x},{y},{z}" for k, (x, y, z) in enumerate((100 * before.centres).tolist())]
     (tmp_path / "gps.csv").write_text("index,x,y,z\n" + "\n".join(rows) + "\n")
-    done = run("solve", start, "-o", tmp_path / "placed", "--gps", tmp_path / "gps.csv")
+    done = run_here("solve", start, "-o", tmp_path / "placed", "--gps", tmp_path / "gps.csv")
     assert done.returncode == 0, done.stderr
     placed = sfmcpp.read(tmp_path / "placed")
     assert placed.rigs is not None

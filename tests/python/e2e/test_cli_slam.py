@@ -79,7 +79,7 @@ def test_every_file_is_there_and_reads_back_as_the_drive(tmp_path: Path) -> None
 
 def test_the_model_is_the_map_in_both_formats(tmp_path: Path) -> None:
     folder = tmp_path / "out"
-    assert run("slam", write_drive(tmp_path / "drive.csv", corridor()), "-o", folder).returncode == 0
+    assert run_here("slam", write_drive(tmp_path / "drive.csv", corridor()), "-o", folder).returncode == 0
     binary = sfmcpp.read(folder / "model")
     for path in (folder / "model").glob("*.bin"):
         path.unlink()
@@ -123,14 +123,14 @@ def test_quiet_says_nothing_and_results_replace_older_ones(tmp_path: Path) -> No
 
 def test_the_window_and_the_seed_reach_the_report(tmp_path: Path) -> None:
     source = write_drive(tmp_path / "drive.csv", corridor(20))
-    assert run("slam", source, "-o", tmp_path / "out", "--window", "5", "--seed", "7").returncode == 0
+    assert run_here("slam", source, "-o", tmp_path / "out", "--window", "5", "--seed", "7").returncode == 0
     settings = strict_json(tmp_path / "out/report.json")["settings"]
     assert (settings["window"], settings["seed"]) == (5, 7)
 
 
 def test_a_file_of_sensors_in_place_of_tracks_is_told_where_it_goes(tmp_path: Path) -> None:
     (tmp_path / "s.csv").write_text("t [s],speed [m/s]\n100,5\n101,5\n")
-    result = run("slam", tmp_path / "s.csv", "-o", tmp_path / "out")
+    result = run_here("slam", tmp_path / "s.csv", "-o", tmp_path / "out")
     assert is_one_error_line(result)
     assert "of a tracks file; sensors go into --sensor-file" in result.stderr
 
@@ -143,7 +143,7 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
     frames, again = np.repeat(np.arange(10, dtype=np.int32), count), np.tile(tracks, 10)
     standing = CameraTracks(0.1 * np.arange(10), frames, again, np.tile(pixels, (10, 1)), scene.intrinsics[0])
     write_tracks(standing, tmp_path / "standing.csv")
-    result = run("slam", tmp_path / "standing.csv", "-o", tmp_path / "out")
+    result = run_here("slam", tmp_path / "standing.csv", "-o", tmp_path / "out")
     assert result.returncode == 3
     assert is_one_error_line(result)
     assert f"{tmp_path / 'standing.csv'}: no map could be started: the image moves" in result.stderr
@@ -262,7 +262,7 @@ def test_an_odometer_in_a_file_brings_the_map_to_metres(tmp_path: Path) -> None:
     rows = [f"{99.9 + STEP_S * k:.1f},{3.6 * speed}" for k in range(43)]
     (tmp_path / "speed.csv").write_text("\n".join(["t [s],speed [km/h]", *rows]))
     command = ("--sensor", "odometer", "--sensor-file", tmp_path / "speed.csv", "-o", tmp_path / "out")
-    result = run("slam", source, *command)
+    result = run_here("slam", source, *command)
     assert (result.returncode, result.stderr) == (0, "")
     assert "odometer; weights by loo, median odometer" in result.stdout
     assert names_in(tmp_path / "out") == sorted([*FILES, "trade_off.png", "weights.png"])
@@ -310,7 +310,7 @@ def read_terminal(terminal: int) -> bytes:
 def test_a_real_drive_is_mapped_and_measured_against_its_truth(tmp_path: Path, data_dir: Path) -> None:
     drive = data_dir / "kitti_tracks/2011_09_26_drive_0001_sync_KLT.mat"
     folder = tmp_path / "out"
-    result = run("slam", drive, "-o", folder)
+    result = run_here("slam", drive, "-o", folder)
     assert (result.returncode, result.stderr) == (0, "")
     assert names_in(folder) == sorted([*FILES, "scale.png"])
     content = strict_json(folder / "report.json")
@@ -323,7 +323,7 @@ def test_a_real_drive_is_mapped_and_measured_against_its_truth(tmp_path: Path, d
     by_first = ("--align", "first:0.1", "--align-by", "poses")
     for told, options in ((truth, ()), (content["drift"], by_first)):
         command = ("evaluate", folder / "trajectory.txt", "--truth", drive, "--report", report, "--quiet")
-        assert run(*command, *options).returncode == 0
+        assert run_here(*command, *options).returncode == 0
         assert strict_json(report)["mean_3d_error_m"] == pytest.approx(told["mean_3d_error_m"], rel=1e-6)
         assert f"{told['mean_3d_error_m']:.4g} m" in result.stdout
     model = sfmcpp.read(folder / "model")
@@ -338,7 +338,7 @@ def test_a_real_drive_is_mapped_and_measured_against_its_truth(tmp_path: Path, d
 def test_the_sensors_of_a_real_drive_weigh_in_and_make_its_map_metric(tmp_path: Path, data_dir: Path) -> None:
     drive, folder = data_dir / "kitti_tracks/2011_09_26_drive_0001_sync_KLT.mat", tmp_path / "out"
     sensors = ("--sensor", "odometer", "--sensor", "imu", "--weights", "l-curve")
-    assert run("slam", drive, "-o", folder, *sensors).returncode == 0
+    assert run_here("slam", drive, "-o", folder, *sensors).returncode == 0
     content = strict_json(folder / "report.json")
     weighed = [keyframe["weights"] for keyframe in content["keyframes"]]
     assert {name for weights in weighed for name in weights} == {"odometer", "imu"}

@@ -41,7 +41,7 @@ def test_every_image_of_a_real_clip_has_a_pose_near_its_true_one(
 @pytest.mark.real
 def test_the_sensors_of_its_drive_make_a_real_clip_metric(tmp_path: Path, data_dir: Path) -> None:
     sensors = ("--sensor", "odometer", "--sensor", "imu", "--sensor-file", data_dir / DRIVE)
-    result = run("slam", data_dir / CLIP, *sensors, "-o", tmp_path)
+    result = run_here("slam", data_dir / CLIP, *sensors, "-o", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     content = strict_json(tmp_path / "report.json")
     assert content["totals"]["poses"] == 51
@@ -69,7 +69,7 @@ def test_a_video_is_followed_at_its_own_rate(tmp_path: Path, data_dir: Path) -> 
     for file in files:
         writer.write(cv2.imread(str(file)))
     writer.release()
-    result = run("slam", tmp_path / "clip.avi", "--camera", CAMERA, "-o", tmp_path / "out")
+    result = run_here("slam", tmp_path / "clip.avi", "--camera", CAMERA, "-o", tmp_path / "out")
     assert (result.returncode, result.stderr) == (0, "")
     found = read_trajectory(tmp_path / "out/trajectory.txt")
     np.testing.assert_allclose(found.t_s, np.arange(12) / 12.5)
@@ -105,7 +105,7 @@ def test_images_without_texture_give_no_map_and_say_so(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     for number in range(3):
         assert cv2.imwrite(str(tmp_path / f"images/{number}.png"), np.zeros((48, 64), np.uint8))
-    result = run("slam", "images", "--camera", "90,32,24", "-o", "out", cwd=tmp_path)
+    result = run_here("slam", "images", "--camera", "90,32,24", "-o", "out", cwd=tmp_path)
     assert result.returncode == 3
     assert is_one_error_line(result)
     assert "images: no map could be started" in result.stderr

@@ -73,7 +73,7 @@ def test_a_real_problem_is_solved_and_its_file_holds_the_solution(data_dir: Path
 
 def test_the_report_has_every_field_of_the_contract_in_its_type(tmp_path: Path) -> None:
     source, report = write_noisy_circle(tmp_path), tmp_path / "report.json"
-    assert run("solve", source, "--report", report).returncode == 0
+    assert run_here("solve", source, "--report", report).returncode == 0
     content = strict_json(report)
     assert wrong_types(content, REPORT_FIELDS) == []
     assert [wrong_types(iteration, ITERATION_FIELDS) for iteration in content["iterations"]] == [
@@ -117,7 +117,7 @@ def test_options_reach_the_solver(tmp_path: Path) -> None:
         "gauge": "fixed",
     }
     arguments = [f"--{name.replace('_', '-')}={value}" for name, value in options.items()]
-    assert run("solve", source, "-o", output, "--report", report, *arguments).returncode == 0
+    assert run_here("solve", source, "-o", output, "--report", report, *arguments).returncode == 0
     expected = sfmcpp.read(source)
     summary = sfmcpp.solve(expected, **options)  # type: ignore[arg-type]
     content = strict_json(report)
@@ -132,23 +132,23 @@ def test_options_reach_the_solver(tmp_path: Path) -> None:
 
 def test_an_automatic_loss_scale_comes_from_the_data(tmp_path: Path) -> None:
     source, report = write_noisy_circle(tmp_path), tmp_path / "report.json"
-    run("solve", source, "--report", report, "--loss", "cauchy", "--loss-scale-px", "auto")
+    run_here("solve", source, "--report", report, "--loss", "cauchy", "--loss-scale-px", "auto")
     expected = sfmcpp.solve(sfmcpp.read(source), loss="cauchy", loss_scale_px="auto")
     assert strict_json(report)["loss_scale_px"] == expected.loss_scale_px != 1.0
 
 
 def test_refine_frees_exactly_the_named_intrinsics(tmp_path: Path) -> None:
     source, output = write_noisy_circle(tmp_path, camera_model="bal"), tmp_path / "out.npz"
-    assert run("solve", source, "-o", output, "--refine", "f,k1").returncode == 0
+    assert run_here("solve", source, "-o", output, "--refine", "f,k1").returncode == 0
     changed = (sfmcpp.read(output).intrinsics != sfmcpp.read(source).intrinsics).any(axis=0)
     assert changed.tolist() == [True, True, False]
-    assert run("solve", source, "-o", output, "--refine", "none").returncode == 0
+    assert run_here("solve", source, "-o", output, "--refine", "none").returncode == 0
     assert (sfmcpp.read(output).intrinsics == sfmcpp.read(source).intrinsics).all()
 
 
 def test_a_time_limit_ends_the_solve_with_the_best_state_and_success(tmp_path: Path) -> None:
     source, output, report = write_noisy_circle(tmp_path), tmp_path / "out.npz", tmp_path / "report.json"
-    result = run("solve", source, "-o", output, "--report", report, "--max-seconds", "1e-9")
+    result = run_here("solve", source, "-o", output, "--report", report, "--max-seconds", "1e-9")
     content = strict_json(report)
     assert (result.returncode, content["termination"]) == (0, "max_seconds")
     assert len(content["iterations"]) <= 2
@@ -165,7 +165,7 @@ def test_quiet_says_nothing_and_writes_the_same(tmp_path: Path) -> None:
 
 def test_the_table_tells_sizes_costs_termination_solver_and_files(tmp_path: Path) -> None:
     source, output, report = write_noisy_circle(tmp_path), tmp_path / "o[ut].npz", tmp_path / "report.json"
-    result = run("solve", source, "-o", output, "--report", report)
+    result = run_here("solve", source, "-o", output, "--report", report)
     content = strict_json(report)
     assert result.stderr == ""
     for expected in (
@@ -183,7 +183,7 @@ def test_the_table_tells_sizes_costs_termination_solver_and_files(tmp_path: Path
 
 
 def test_a_result_that_no_file_keeps_is_said_to_be_lost(tmp_path: Path) -> None:
-    result = run("solve", write_noisy_circle(tmp_path))
+    result = run_here("solve", write_noisy_circle(tmp_path))
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout.splitlines()[-1].split(maxsplit=1) == [
         "result",
@@ -199,7 +199,7 @@ def test_warnings_are_listed_by_name(tmp_path: Path) -> None:
         setattr(problem, name, getattr(problem, name)[seen_once])
     source = tmp_path / "once.npz"
     sfmcpp.write(problem, source)
-    result = run("solve", source)
+    result = run_here("solve", source)
     assert result.returncode == 0
     assert "point 7" in result.stdout
 
@@ -207,7 +207,7 @@ def test_warnings_are_listed_by_name(tmp_path: Path) -> None:
 def test_the_result_may_replace_the_input(tmp_path: Path) -> None:
     source = write_noisy_circle(tmp_path)
     before = sfmcpp.cost(sfmcpp.read(source))
-    assert run("solve", source, "-o", source).returncode == 0
+    assert run_here("solve", source, "-o", source).returncode == 0
     assert sfmcpp.cost(sfmcpp.read(source)) < before / 100
     assert list(tmp_path.iterdir()) == [source]
 
@@ -215,7 +215,7 @@ def test_the_result_may_replace_the_input(tmp_path: Path) -> None:
 def test_line_searches_and_methods_reach_the_report(tmp_path: Path) -> None:
     source = write_noisy_circle(tmp_path)
     options = ["--method", "dog-leg", "--line-search", "t-als", "--line-search-iterations", "2"]
-    assert run("solve", source, *options, "--report", tmp_path / "r.json").returncode == 0
+    assert run_here("solve", source, *options, "--report", tmp_path / "r.json").returncode == 0
     report = strict_json(tmp_path / "r.json")
     assert (report["method"], report["line_search"]) == ("dog-leg", "t-als")
     searched = [iteration["line_searched"] for iteration in report["iterations"][1:]]
@@ -225,7 +225,7 @@ def test_line_searches_and_methods_reach_the_report(tmp_path: Path) -> None:
 
 def test_a_projective_solve_forgets_the_calibration(tmp_path: Path) -> None:
     source, target = write_noisy_circle(tmp_path), tmp_path / "out.npz"
-    assert run("solve", source, "--camera-model", "projective", "-o", target).returncode == 0
+    assert run_here("solve", source, "--camera-model", "projective", "-o", target).returncode == 0
     solved = sfmcpp.read(target)
     assert solved.camera_model == "projective"
     calibrated = sfmcpp.read(source)
@@ -235,7 +235,7 @@ def test_a_projective_solve_forgets_the_calibration(tmp_path: Path) -> None:
 
 def test_a_projective_solve_is_refused_a_format_that_cannot_hold_it(tmp_path: Path) -> None:
     source, target = write_noisy_circle(tmp_path), tmp_path / "out.txt"
-    result = run("solve", source, "--camera-model", "projective", "-o", target)
+    result = run_here("solve", source, "--camera-model", "projective", "-o", target)
     assert result.returncode == 2
     assert "metric cameras only" in result.stderr
     assert not target.exists()
@@ -263,7 +263,7 @@ def test_names_of_other_programs_are_told_as_ours(tmp_path: Path) -> None:
 @pytest.mark.parametrize("solver", ["auto", "dense"])
 def test_the_forecast_of_a_step_is_told_once(tmp_path: Path, solver: str) -> None:
     start = write_noisy_circle(tmp_path)
-    told = run("solve", start, "-o", tmp_path / "b.npz", "--linear-solver", solver).stdout
+    told = run_here("solve", start, "-o", tmp_path / "b.npz", "--linear-solver", solver).stdout
     (line,) = (line for line in told.splitlines() if "dense" in line and " MB" in line)
     assert line.startswith("linear solver")
     assert line.count("predicted for a step") == 1
@@ -272,7 +272,7 @@ def test_the_forecast_of_a_step_is_told_once(tmp_path: Path, solver: str) -> Non
 def test_each_forecast_has_a_name_of_its_own(tmp_path: Path) -> None:
     source = tmp_path / "city.npz"
     sfmcpp.write(sfmcpp.city_blocks_scene(300, seed=0), source)
-    told = run("solve", source, "--max-iterations", "1").stdout
+    told = run_here("solve", source, "--max-iterations", "1").stdout
     text = " ".join(told.split("linear solver", 1)[1].split("seconds", 1)[0].split())
     names = re.findall(r"(?:: |, )([a-z][^,:]*?) [\d.e+]+ m?s and", text)
     assert len(names) == len(set(names)) > 2

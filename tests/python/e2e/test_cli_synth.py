@@ -16,7 +16,7 @@ SMALL = ["--cameras", "40", "--points", "900"]
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_every_scene_is_written_as_python_makes_it(tmp_path: Path, scene: str) -> None:
-    result = run("synth", scene, "-o", tmp_path / "scene.npz", *SMALL, "--seed", "3")
+    result = run_here("synth", scene, "-o", tmp_path / "scene.npz", *SMALL, "--seed", "3")
     assert (result.returncode, result.stderr) == (0, "")
     written, expected = sfmcpp.read(tmp_path / "scene.npz"), SCENES[scene](40, 900, seed=3)
     for array in ("cameras", "intrinsics", "points", "pixels", "camera_index", "point_index"):
@@ -45,7 +45,7 @@ def test_the_start_is_the_truth_with_outliers_moved_away(tmp_path: Path) -> None
     start, truth = tmp_path / "start.npz", tmp_path / "truth.npz"
     noise = ["--point-sigma-m", "0.3", "--position-sigma-m", "0.2", "--rotation-sigma-deg", "4"]
     options = ["--focal-px", "900", "--outliers", "0.1", "--seed", "7", "--truth", truth]
-    assert run("synth", "circle", "-o", start, *SMALL, *noise, *options).returncode == 0
+    assert run_here("synth", "circle", "-o", start, *SMALL, *noise, *options).returncode == 0
     exact = circle_scene(40, 900, focal_px=900.0, seed=7)
     expected, is_outlier = add_outliers(exact, 0.1, seed=7)
     moved = perturb(expected, point_sigma_m=0.3, position_sigma_m=0.2, rotation_sigma_deg=4.0, seed=7)
@@ -59,9 +59,9 @@ def test_the_start_is_the_truth_with_outliers_moved_away(tmp_path: Path) -> None
 def test_a_solve_of_the_start_finds_back_to_the_cost_of_the_truth(tmp_path: Path) -> None:
     start, truth, solved = (tmp_path / name for name in ("start.txt", "truth.txt", "solved.txt"))
     noise = ["--point-sigma-m", "0.05", "--position-sigma-m", "0.05", "--rotation-sigma-deg", "0.3"]
-    result = run("synth", "city-blocks", "-o", start, "--truth", truth, "--cameras", "40", *noise)
+    result = run_here("synth", "city-blocks", "-o", start, "--truth", truth, "--cameras", "40", *noise)
     assert result.returncode == 0
-    assert run("solve", start, "-o", solved).returncode == 0
+    assert run_here("solve", start, "-o", solved).returncode == 0
     problem = sfmcpp.read(solved)
     # The minimum lies below the truth by the share of the unknowns in the residuals.
     unknowns = 9 * problem.num_cameras + 3 * problem.num_points - 7

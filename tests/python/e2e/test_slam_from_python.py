@@ -126,6 +126,24 @@ def test_each_sensor_may_have_a_file_of_its_own(tmp_path: Path, files: tuple[Pat
     assert (told.returncode, told.stderr) == (0, "")
 
 
+def test_of_several_files_the_one_at_fault_is_named(tmp_path: Path, files: tuple[Path, Path]) -> None:
+    drive, speed = files
+    rates = tmp_path / "rates.csv"
+
+    def write_rates(start_s: float, rate: float) -> None:
+        rows = [f"{start_s + STEP_S * k:.1f},0,0,{rate}" for k in range(40)]
+        rates.write_text("\n".join(["t [s],wx [rad/s],wy [rad/s],wz [rad/s]", *rows]) + "\n")
+
+    write_rates(500.0, 0.0)
+    with pytest.raises(DatasetError, match="stream 'angular_rate' lasts from 500") as late:
+        open_drive(drive, sensor_file=[speed, rates]).streams_of(["odometer", "imu"])
+    assert late.value.path == str(rates)
+    write_rates(99.5, 34.0)
+    with pytest.raises(DatasetError, match=r"across for a second.* 'angular_rate' of rates\.csv") as fast:
+        open_drive(drive, sensor_file=[speed, rates]).streams_of(["odometer", "imu"])
+    assert fast.value.path == str(drive)
+
+
 def test_the_input_serves_the_sensors_that_no_file_has(tmp_path: Path, data_dir: Path) -> None:
     drive = data_dir / "kitti_tracks/2011_09_26_drive_0001_sync_KLT.mat"
     own = open_drive(drive)

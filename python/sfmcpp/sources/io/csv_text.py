@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import re
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,14 @@ DEGREES = {"deg": 1.0, "rad": 180 / math.pi}
 _ALIASES = {"°": "deg", "degree": "deg", "degrees": "deg", "decimaldegrees": "deg", "radians": "rad"}
 _ALIASES |= dict.fromkeys(("metre", "metres", "meter", "meters"), "m")
 _ALIASES |= {"foot": "ft", "feet": "ft", "usft": "us-ft", "ftus": "us-ft", "us-feet": "us-ft"}
+_ALIASES |= dict.fromkeys(("sec", "secs", "second", "seconds"), "s")
+_ALIASES |= {f"{short}{end}": f"{short}s" for short in "mun" for end in ("sec", "secs")}
+_ALIASES |= {f"{long}second{s}": f"{long[0]}s" for long in ("milli", "nano") for s in ("", "s")}
+_ALIASES |= dict.fromkeys(("microsecond", "microseconds", "\u00b5s", "\u03bcs"), "us")
+_ALIASES |= dict.fromkeys(("kmh", "kph", "kmph"), "km/h") | {"mps": "m/s", "mi/h": "mph", "fps": "ft/s"}
+_ALIASES |= dict.fromkeys(("knot", "knots", "kt", "kts"), "kn") | {"dps": "deg/s", "rps": "rad/s"}
+# Ends and beginnings of units that are written in several ways.
+_SPELLINGS = ((" s^-1", "/s"), ("/sec", "/s"), ("degrees/", "deg/"), ("\u00b0/", "deg/"), (" ", ""))
 _SEPARATORS = "\t;"
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
@@ -30,8 +39,10 @@ def unit_factor(header: str, unit: str, units: dict[str, float]) -> float:
     ValueError
         If it is unknown or empty; the message lists the known ones.
     """
-    normal = unit.replace(" s^-1", "/s").replace("°/", "deg/").replace(" ", "")
-    normal = _ALIASES.get(normal.lower(), normal)
+    normal = unit.lower()  # no unit here differs from another by its case
+    for spelling, ours in _SPELLINGS:
+        normal = normal.replace(spelling, ours)
+    normal = _ALIASES.get(normal, normal)
     if normal not in units:
         what = f"has the unknown unit {unit!r}" if unit else "names no unit"
         raise ValueError(f"column {header!r} {what}: must be one of {', '.join(f'[{u}]' for u in units)}")
@@ -56,8 +67,12 @@ def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
     return ((number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip())
 
 
-def finite_number(path: Path, line: int, column: str, cell: str, factor: float = 1.0) -> float:
+def finite_number(
+    path: Path, line: int, column: str, cell: str, factor: float = 1.0, other: str = ""
+) -> float:
     """Number in a cell, times the factor that makes its unit ours.
+
+    `other` says, in messages, what else may stand there.
 
     Raises
     ------
@@ -66,13 +81,27 @@ def finite_number(path: Path, line: int, column: str, cell: str, factor: float =
     """
     value = number_of(cell) * factor
     if not math.isfinite(value):
-        raise DatasetError(path, f"{column} is {cell!r}: must be a finite number", line)
+        raise DatasetError(path, f"{column} is {cell!r}: must be a finite number{other}", line)
     return value
 
 
 def separator_of(header: str) -> str:
     """Separator of the cells below a header: tabs or semicolons if it has any, else commas."""
     return next((separator for separator in _SEPARATORS if separator in header), ",")
+
+
+def cells_of(path: Path, number: int, line: str, separator: str) -> list[str]:
+    """Cells of a line, without blanks around them; those between double quotes without these.
+
+    Raises
+    ------
+    DatasetError
+        If a cell is longer than any can be; it names the line.
+    """
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+    except csv.Error as error:
+        raise DatasetError(path, str(error), number) from error
 
 
 def with_decimal_points(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.csv_text import (
     DEGREES,
     LENGTH,
+    cells_of,
     finite_number,
     separator_of,
     unit_factor,
@@ -90,7 +90,7 @@ def table_of(source: Path, numbered: Sequence[NumberedLine]) -> tuple[Row, list[
     if not lines:
         raise DatasetError(source, "is empty")
     separator = separator_of(lines[0][1])
-    split = [(number, _cells(source, number, line, separator)) for number, line in lines]
+    split = [(number, cells_of(source, number, line, separator)) for number, line in lines]
     count = len(split[0][1])
     for number, cells in split:
         if any(cells[count:]):
@@ -98,13 +98,6 @@ def table_of(source: Path, numbered: Sequence[NumberedLine]) -> tuple[Row, list[
             raise DatasetError(source, f"the line holds {len(cells)} cells: {rule}", number)
     header, *rows = [(number, (cells + [""] * count)[:count]) for number, cells in split]
     return header, rows
-
-
-def _cells(source: Path, number: int, line: str, separator: str) -> list[str]:
-    try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
-    except csv.Error as error:
-        raise DatasetError(source, str(error), number) from error
 
 
 def _without_comments(lines: Sequence[NumberedLine]) -> list[NumberedLine]:

@@ -7,14 +7,14 @@ For example::
     0.04,36.0,,,
 
 A cell left empty is a measurement that was not made at that time: sensors of different rates can share a
-file. Cells may be apart by ``;`` or tabs, then with decimal commas, too. Columns of other names are left
-out. EuRoC's ``imu0/data.csv`` is read as it is.
+file. Cells may be apart by ``;`` or tabs, then with decimal commas, too, and between double quotes. Columns
+of other names are left out, and so are lines that start with ``#``, but for a header that does. EuRoC's
+``imu0/data.csv`` is read as it is.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,58 +30,24 @@ from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.sensor_stream import ImplausibleSample
 from sfmcpp.sources.io.csv_text import (
-    DEGREES,
-    LENGTH,
+    cells_of,
     finite_number,
     numbered_lines,
     separator_of,
-    unit_factor,
     with_decimal_points,
 )
 from sfmcpp.sources.io.number_text import number_of
+from sfmcpp.sources.io.sensor_columns import (
+    ADVICE,
+    GROUPS,
+    HEADER,
+    KNOWN,
+    Column,
+    is_foreign,
+    parse_column,
+)
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
-
-_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_SPEED = {"m/s": 1.0, "km/h": 1 / 3.6}
-_RATE = {"rad/s": 1.0, "deg/s": math.pi / 180}
-_ANGLE = {"rad": 1.0, "deg": math.pi / 180}
-_NUMBER = {"": 1.0, "1": 1.0}
-
-# Unit of a group of columns, and the columns that belong together.
-GROUPS: dict[str, tuple[dict[str, float], tuple[str, ...]]] = {
-    "time": (_TIME, ("t",)),
-    "speed": (_SPEED, ("speed",)),
-    "distance": (LENGTH, ("distance",)),
-    "velocity": (_SPEED, ("vx", "vy", "vz")),
-    "angular_rate": (_RATE, ("wx", "wy", "wz")),
-    "position": (LENGTH, ("x", "y", "z")),
-    "quaternion": (_NUMBER, ("qw", "qx", "qy", "qz")),
-    "rotation_vector": (_ANGLE, ("rx", "ry", "rz")),
-    "latitude_longitude": (DEGREES, ("lat", "lon")),
-    "height": (LENGTH, ("height",)),
-}
-
-_ADVICE = {"angular_rate": ": write 0 there if the body turns about one axis alone"}
-
-# Names in EuRoC's imu0/data.csv and a few common ones.
-_ALIASES = {"time": "t", "timestamp": "t", "latitude": "lat", "longitude": "lon", "lng": "lon"}
-_ALIASES |= dict.fromkeys(("alt", "altitude", "elevation"), "height")
-_ALIASES |= {f"w_RS_S_{axis}": f"w{axis}" for axis in "xyz"}
-_NAMES = {name: name for _, names in GROUPS.values() for name in names} | _ALIASES
-_KNOWN = {name.lower(): known for name, known in _NAMES.items()}  # in whatever case a file has them
-# The thesis (§5.3.4.2) uses no accelerations, and nor does this package.
-_UNUSED = {"ax", "ay", "az", "a_RS_S_x", "a_RS_S_y", "a_RS_S_z"}
-
-# Groups that make a kind of measurement which has not the name of one; each way by itself.
-_GROUPS_OF_KIND: dict[str, tuple[tuple[str, ...], ...]] = {
-    "orientation": (("quaternion",), ("rotation_vector",)),
-    "pose": (("position", "quaternion"), ("position", "rotation_vector")),
-    "geodetic": (("latitude_longitude", "height"),),
-}
-
-# A unit stands in brackets of either kind.
-_HEADER = re.compile(r"#?\s*([^\[\]()]+?)\s*(?:\[\s*([^\]]*?)\s*\]|\(\s*([^)]*?)\s*\))?\s*")
 
 _LEFT_OUT = "-"  # a header that is the name of nothing
 
@@ -89,6 +55,8 @@ _LEFT_OUT = "-"  # a header that is the name of nothing
 _LINE = "line"
 
 Table = dict[str, FloatArray]
+# A line by its number, as cells.
+_Line = tuple[int, list[str]]
 
 
 def read_sensor_csv(
@@ -131,11 +99,7 @@ def read_sensor_csv(
     source = Path(path)
     asked = [_Asked(header, own) for header, own in (columns or {}).items()]
     _require_different(asked)
-    lines = numbered_lines(source)
-    number, header = next(lines, (1, ""))
-    separator = separator_of(header)
-    headers = _split(header, separator)
-    rows = [(number, _split(line, separator)) for number, line in lines]
+    (number, headers), rows = _split(source)
     constants = [column for column in asked if not _renamed(source, number, headers, column)]
     known = _columns(source, number, headers, [column.column.name for column in constants])
     cells = _cells(source, known, rows, constants)
@@ -190,7 +154,7 @@ def _require_different(asked: list[_Asked]) -> None:
 
 def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool:
     """Give the column of the file our name, others of that name none; False if a number is asked for."""
-    names = [found[1] if (found := _HEADER.fullmatch(text)) else text for text in headers]
+    names = [found[1] if (found := HEADER.fullmatch(text)) else text for text in headers]
     place = next((texts.index(str(asked.own)) for texts in (headers, names) if str(asked.own) in texts), None)
     if place is None and math.isnan(asked.number):
         reason = (
@@ -202,7 +166,7 @@ def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool
             f"sensor_columns: {asked.header!r} = {asked.own!r}: must be a column, as times differ"
         )
     for k, name in enumerate(names):
-        if _KNOWN.get(name.lower()) == asked.column.name:
+        if KNOWN.get(name.lower()) == asked.column.name:
             headers[k] = _LEFT_OUT
     if place is not None:
         headers[place] = asked.header
@@ -220,10 +184,12 @@ def _with_constants(table: Table, constants: list[_Asked]) -> Table:
 
 
 def _columns(path: Path, number: int, headers: list[str], constants: list[str]) -> list[Column | None]:
+    if all(math.isfinite(number_of(header)) for header in headers):
+        raise DatasetError(path, "holds numbers: must name the columns, as 't [s],speed [m/s]'", number)
     try:
-        columns = [None if _is_foreign(header) else parse_column(header) for header in headers]
+        columns = [None if is_foreign(header) else parse_column(header) for header in headers]
         if {column.name for column in columns if column is not None} | {*constants} <= {"t"}:
-            for header in headers:  # whichever is unknown is told
+            for header in filter(None, headers):  # whichever is unknown is told
                 parse_column(header)
     except ValueError as error:
         raise DatasetError(path, str(error), number) from None
@@ -234,35 +200,43 @@ def _columns(path: Path, number: int, headers: list[str], constants: list[str]) 
     for group, (_, wanted) in GROUPS.items():
         lacking = [name for name in wanted if name not in names]
         if lacking and (len(lacking) < len(wanted) or group == "time"):
-            reason = f"the header lacks the column {', '.join(lacking)} of {group}{_ADVICE.get(group, '')}"
+            reason = f"the header lacks the column {', '.join(lacking)} of {group}{ADVICE.get(group, '')}"
             raise DatasetError(path, reason, number)
     return columns
 
 
 def left_out_columns(path: Path) -> list[str]:
     """Columns of a file, as its first line names them, that are not known by their name."""
-    _, header = next(numbered_lines(path), (1, ""))
-    return [column for column in _split(header, separator_of(header)) if _is_foreign(column)]
+    (_, headers), _ = _split(path)
+    return [column for column in headers if column and is_foreign(column)]
 
 
-def _split(line: str, separator: str) -> list[str]:
-    return [cell.strip() for cell in line.split(separator)]
+def _split(path: Path) -> tuple[_Line, list[_Line]]:
+    """The header, which may begin as comments do, and the lines that do not."""
+    lines = list(numbered_lines(path))
+    is_comment = [line.lstrip().startswith("#") for _, line in lines]
+    start = is_comment.index(False) if False in is_comment else len(lines)
+    if start and (start == len(lines) or _holds_number(path, lines[start])):
+        start -= 1
+    number, header = lines[start] if lines else (1, "")
+    separator = separator_of(header)
+    below = [row for row, comment in zip(lines, is_comment, strict=True) if not comment and row[0] > number]
+    rows = [(below_number, cells_of(path, below_number, line, separator)) for below_number, line in below]
+    return (number, cells_of(path, number, header, separator)), rows
 
 
-def _is_foreign(header: str) -> bool:
-    """Whether a column is left out, such as a temperature."""
-    match = _HEADER.fullmatch(header)
-    return match is not None and match[1].lower() not in _KNOWN
+def _holds_number(path: Path, line: tuple[int, str]) -> bool:
+    """Whether a line is one of measurements, no header."""
+    return any(math.isfinite(number_of(cell)) for cell in cells_of(path, *line, separator_of(line[1])))
 
 
-def _cells(
-    path: Path, columns: list[Column | None], lines: list[tuple[int, list[str]]], constants: list[_Asked]
-) -> Table:
+def _cells(path: Path, columns: list[Column | None], lines: list[_Line], constants: list[_Asked]) -> Table:
     """Columns by name, in our units, NaN where a cell is empty."""
     numeric = [place for place, column in enumerate(columns) if column is not None]
     for number, cells in lines:
-        if len(cells) != len(columns):
-            raise DatasetError(path, f"the line holds {len(cells)} cells: must be {len(columns)}", number)
+        if len(cells) < len(columns) or any(cells[len(columns) :]):
+            rule = f"must be {len(columns)}; where commas are decimal, cells are separated by ';' or tabs"
+            raise DatasetError(path, f"the line holds {len(cells)} cells: {rule}", number)
     pointed = with_decimal_points(path, lines, numeric)
     rows = [_row(path, number, cells, columns) for number, cells in pointed]
     if not rows:
@@ -282,7 +256,7 @@ def _cells(
 def _row(path: Path, number: int, cells: list[str], columns: list[Column | None]) -> tuple[int, list[float]]:
     return number, [
         _number(path, number, cell, column)
-        for cell, column in zip(cells, columns, strict=True)
+        for cell, column in zip(cells, columns, strict=False)
         if column is not None
     ]
 
@@ -290,7 +264,8 @@ def _row(path: Path, number: int, cells: list[str], columns: list[Column | None]
 def _number(path: Path, number: int, cell: str, column: Column) -> float:
     if not cell and column.name != "t":
         return math.nan
-    return finite_number(path, number, column.name, cell, column.factor)
+    empty = "" if column.name == "t" else ", or none where nothing was measured: an empty cell"
+    return finite_number(path, number, column.name, cell, column.factor, empty)
 
 
 def _require_whole_groups(path: Path, table: Table, numbers: list[int]) -> None:
@@ -351,49 +326,7 @@ def _geodetic(path: Path, table: Table) -> FloatArray:
     horizontal, height = _group(table, "latitude_longitude"), _group(table, "height")
     if bool(horizontal.size) != bool(height.size):
         given = "lat and lon" if horizontal.size else "height"
-        raise DatasetError(path, f"lat, lon and height must be given together: it has {given} alone", 1)
+        rule = "where heights were not measured, on level ground, say --sensor-column 'height [m]=0'"
+        alone = f"lat, lon and height must be given together: it has {given} alone"
+        raise DatasetError(path, f"{alone}; {rule}" if horizontal.size else alone, 1)
     return np.hstack([horizontal, height])
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of a file: what it holds and the factor that makes its unit ours."""
-
-    group: str
-    name: str
-    factor: float
-
-
-def columns_of(kind: str) -> str:
-    """Names of the columns that give a kind of measurement, in words."""
-    groups = _GROUPS_OF_KIND.get(kind, ((kind,),))
-    return " or ".join(" ".join(name for group in way for name in GROUPS[group][1]) for way in groups)
-
-
-def parse_column(header: str) -> Column | None:
-    """Understand the header of a column, such as ``speed [km/h]``.
-
-    Returns
-    -------
-    Column or None
-        None for accelerations, which are not used.
-
-    Raises
-    ------
-    ValueError
-        If the name or the unit is unknown; the message lists the known ones.
-    """
-    match = _HEADER.fullmatch(header)
-    if match is None:
-        raise ValueError(f"column {header!r}: must be a name with a unit, such as 'speed [m/s]'")
-    name, unit = _KNOWN.get(match[1].lower(), match[1]), match[2] or match[3] or ""
-    if name in _UNUSED:
-        return None
-    for group, (units, names) in GROUPS.items():
-        if name in names:
-            return Column(group, name, unit_factor(header, unit, units))
-    known = ", ".join(name for _, names in GROUPS.values() for name in names)
-    raise ValueError(
-        f"column {header!r} is unknown: must be one of {known}, with its unit: 't [s]', 'speed [km/h]'; "
-        f"or say which it is: --sensor-column 'speed [m/s]={header}'"
-    )

@@ -48,6 +48,14 @@ def test_held_intrinsics_stay_as_they_are() -> None:
     np.testing.assert_allclose(start.intrinsics[:, 0], before[:, 0], rtol=1e-4)
 
 
+def test_the_damping_begins_anew_where_intrinsics_are_freed() -> None:
+    summary = sfmcpp.solve(far_start(1)[0], max_iterations=30)
+    dampings, held = [i.damping for i in summary.iterations], held_steps(summary)
+    first_free = held.index(False, 2)
+    assert dampings[first_free - 1] < 0.5 * dampings[1]
+    assert dampings[first_free] == dampings[1]
+
+
 def test_held_steps_are_those_of_fixed_intrinsics() -> None:
     start, _ = far_start(1)
     fixed = start.copy()

@@ -90,6 +90,24 @@ def test_outliers_are_left_out_and_points_are_as_good_as_without_them(
     assert np.median(np.linalg.norm(points - truth, axis=1)[solvable]) < depth_sigma
 
 
+def test_rays_that_meet_behind_their_cameras_explain_nothing() -> None:
+    """Two noisy rays meet before all cameras, two exact ones behind theirs."""
+    cameras = cameras_round(4, 60.0)
+    behind = 3 * cameras[2:, :, 3].mean(axis=0)
+    pixels = np.concatenate(
+        [project(camera, INTRINSICS, np.zeros((1, 3))) for camera in cameras[:2]]
+        + [project(camera, INTRINSICS, behind[None]) for camera in cameras[2:]]
+    )
+    pixels[:2] += [[0.0, 1.0], [0.0, -1.0]]
+    problem = Problem(
+        "calibrated", cameras, INTRINSICS[None], np.full((1, 3), np.nan), np.arange(4), np.zeros(4, int),
+        pixels, intrinsics_index=np.zeros(4, int),
+    )  # fmt: skip
+    points, inliers = robust_triangulation(problem)
+    assert np.linalg.norm(points) < 0.05
+    assert inliers.tolist() == [True, True, False, False]
+
+
 def test_points_without_agreement_or_angle_are_not_numbers() -> None:
     problem, _, _ = tracks(4, 60, 0.0, seed=1)
     rng = np.random.default_rng(2)

@@ -167,3 +167,13 @@ def test_times_in_another_unit_are_named_instead_of_a_clock_offset(factor: float
     with pytest.raises(InvalidArgument, match=f"its times are {factor:,.10g} times those") as told:
         require_overlap(stream, 1.3e9, 1.3e9 + 9)
     assert "offset" not in str(told.value)
+
+
+def test_a_stream_a_thousandth_as_long_as_the_images_is_asked_for_its_unit() -> None:
+    seconds = np.arange(0.0, 16.0, 0.1)
+    stream = SensorStream(1e-3 * seconds, np.ones(len(seconds)), "speed")
+    told = "must overlap; it lasts about 0.001 times as long: check the unit of its times; are both"
+    with pytest.raises(InvalidArgument, match=told):
+        require_overlap(stream, 0.05, 15.7)
+    with pytest.raises(InvalidArgument, match="must overlap; are both"):
+        require_overlap(SensorStream(0.5 * seconds, np.ones(len(seconds)), "speed"), 20.0, 35.7)

@@ -26,6 +26,79 @@ def test_a_correct_drive_is_not_doubted(rate_hz: int, sigma: float) -> None:
     assert doubtful_stretches(stream_of(t_s, speeds(t_s) + noise)) == ()
 
 
+RATES_HZ = [10, 20, 50, 100]
+
+
+def stop_and_go(t_s: np.ndarray) -> np.ndarray:
+    """A drive that stands, drives at 8 m/s and stands again, at most 2 m/s² in between."""
+    return np.interp(t_s, [5, 9, 25, 30, 35, 39, 55, 59], [0, 8, 8, 0, 0, 6, 6, 0])
+
+
+def quantised(values: np.ndarray, step: float) -> np.ndarray:
+    return np.floor(values / step + 1e-9) * step
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("step", [1 / 3.6, 0.1, 0.1 / 3.6])
+@pytest.mark.parametrize("sigma", [0.0, 0.02])
+def test_speeds_in_steps_are_not_doubted_and_their_faults_are(
+    rate_hz: int, step: float, sigma: float
+) -> None:
+    t_s = np.arange(0, 60, 1 / rate_hz)
+    true = stop_and_go(t_s) + sigma * np.random.default_rng(0).normal(size=len(t_s))
+    assert doubtful_stretches(stream_of(t_s, quantised(np.abs(true), step))) == ()
+    rounded = np.round(quantised(np.abs(true), step), 3)
+    assert doubtful_stretches(stream_of(t_s, rounded)) == ()
+    slipping = np.abs(true) * np.where((t_s > 12) & (t_s < 20), 0.6, 1.0)
+    (found,) = doubtful_stretches(stream_of(t_s, quantised(slipping, step)))
+    assert (found.start_s, found.end_s) == pytest.approx((12, 20), abs=0.2)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_speeds_in_whole_knots_are_not_doubted(rate_hz: int) -> None:
+    t_s = np.arange(0, 60, 1 / rate_hz)
+    assert doubtful_stretches(stream_of(t_s, quantised(stop_and_go(t_s), 1852 / 3600))) == ()
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+@pytest.mark.parametrize("tick_m", [0.05, 0.02, 0.005, 0.001])
+def test_ticks_of_a_wheel_are_not_doubted(rate_hz: int, tick_m: float) -> None:
+    t_s = np.arange(0, 60, 1 / rate_hz)
+    distance = np.cumsum(stop_and_go(t_s)) / rate_hz
+    assert doubtful_stretches(stream_of(t_s, quantised(distance, tick_m), "distance")) == ()
+
+
+def test_a_slip_among_ticks_is_doubted() -> None:
+    t_s = np.arange(0, 60, 0.1)
+    slipping = stop_and_go(t_s) * np.where((t_s > 12) & (t_s < 20), 0.6, 1.0)
+    ticks = quantised(np.cumsum(slipping) / 10, 0.01)
+    (found,) = doubtful_stretches(stream_of(t_s, ticks, "distance"))
+    assert (found.start_s, found.end_s) == pytest.approx((12, 20), abs=0.2)
+
+
+@pytest.mark.parametrize("repeats", [2, 5, 10])
+@pytest.mark.parametrize("sigma", [0.0, 0.02])
+def test_speeds_that_a_logger_repeats_are_not_doubted_and_their_faults_are(
+    repeats: int, sigma: float
+) -> None:
+    t_s = np.arange(0, 60, 0.02)
+    true = stop_and_go(t_s) + sigma * np.random.default_rng(0).normal(size=len(t_s))
+    held = np.arange(len(t_s)) // repeats * repeats
+    assert doubtful_stretches(stream_of(t_s, true[held])) == ()
+    blocking = np.where((t_s > 12) & (t_s < 14), 0.0, true)
+    (found,) = doubtful_stretches(stream_of(t_s, blocking[held]))
+    assert (found.start_s, found.end_s) == pytest.approx((12, 14), abs=0.3)
+
+
+@pytest.mark.parametrize("rate_hz", RATES_HZ)
+def test_stamps_that_are_late_by_less_than_a_period_are_not_doubted(rate_hz: int) -> None:
+    rng = np.random.default_rng(0)
+    t_s = np.arange(0, 60, 1 / rate_hz)
+    late_s = rng.uniform(0, 0.8 / rate_hz, len(t_s))
+    noisy = stop_and_go(t_s) + 0.02 * rng.normal(size=len(t_s))
+    assert doubtful_stretches(stream_of(t_s + late_s, noisy)) == ()
+
+
 @pytest.mark.parametrize("factor", [1.1, 0.9, 1.3, 0.7, 2.0])
 @pytest.mark.parametrize("kind", ["speed", "velocity", "distance"])
 def test_a_factor_that_comes_and_goes_is_doubted_while_it_lasts(factor: float, kind: str) -> None:

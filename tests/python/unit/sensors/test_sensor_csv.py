@@ -101,6 +101,52 @@ def test_columns_of_other_names_are_left_out_and_other_separators_read(tmp_path:
         np.testing.assert_array_equal(stream.values, plain.values)
 
 
+@pytest.mark.parametrize(
+    ("lines", "header"),
+    [
+        (['"t [s]","speed [m/s]"', '"0","1.5"', '"0.5","2.5"'], 1),
+        (["t [s],note,speed [m/s]", '0,"a, b",1.5', '0.5,"",2.5'], 1),
+        (["t [s],speed [m/s],", "0,1.5,", "0.5,2.5,"], 1),
+        (["t [s],speed [m/s]", "0,1.5,", "0.5,2.5"], 1),
+        (["# a log, of a robot", "t [s],speed [m/s]", "0,1.5", "# restart", "0.5,2.5"], 2),
+        (["# a log, of a robot", "# t [s],speed [m/s]", "0,1.5", "0.5,2.5"], 2),
+    ],
+)
+def test_tables_are_read_as_programs_write_them(tmp_path: Path, lines: list[str], header: int) -> None:
+    stream = read_sensor_csv(write(tmp_path, *lines))["speed"]
+    np.testing.assert_array_equal(stream.t_s, [0.0, 0.5])
+    np.testing.assert_array_equal(stream.values, [[1.5], [2.5]])
+    with pytest.raises(DatasetError, match="holds no column 'absent'") as caught:
+        read_sensor_csv(write(tmp_path, *lines), columns={"speed [m/s]": "absent"})
+    assert caught.value.line == header
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres_per_second"),
+    [
+        *(("KM/H", 1 / 3.6), ("kph", 1 / 3.6), ("cm/s", 0.01), ("mm/s", 0.001), ("m/sec", 1.0)),
+        *(("mph", 0.44704), ("kn", 1852 / 3600), ("knots", 1852 / 3600), ("ft/s", 0.3048)),
+    ],
+)
+def test_speeds_have_the_units_of_cars_and_boats(tmp_path: Path, unit: str, metres_per_second: float) -> None:
+    stream = read_sensor_csv(write(tmp_path, f"t [sec],speed [{unit}]", "0,10", "1,20"))["speed"]
+    np.testing.assert_allclose(stream.values.ravel(), np.array([10, 20]) * metres_per_second)
+
+
+@pytest.mark.parametrize(
+    ("unit", "seconds"),
+    [
+        *(("Seconds", 1.0), ("msec", 1e-3), ("milliseconds", 1e-3), ("nsec", 1e-9)),
+        *(("\u00b5s", 1e-6), ("\u03bcs", 1e-6), ("usec", 1e-6), ("microseconds", 1e-6)),
+    ],
+)
+def test_times_and_rates_have_units_of_several_spellings(tmp_path: Path, unit: str, seconds: float) -> None:
+    path = write(tmp_path, f"t [{unit}],wx [dps],wy [degrees/s],wz [deg/sec]", "1,180,90,0", "3,0,0,90")
+    stream = read_sensor_csv(path)["angular_rate"]
+    np.testing.assert_allclose(stream.t_s, np.array([1, 3]) * seconds)
+    np.testing.assert_allclose(stream.values, np.pi * np.array([[1, 0.5, 0], [0, 0, 0.5]]))
+
+
 HEADER = "t [s],speed [m/s]"
 
 
@@ -108,9 +154,14 @@ HEADER = "t [s],speed [m/s]"
     ("header", "lines", "line", "told"),
     [
         ("t [s],speed", ["0,1"], 1, r"column 'speed' names no unit: must be one of \[m/s\], \[km/h\]"),
-        ("t [s],speed (knots)", ["0,1"], 1, r"'speed \(knots\)' has the unknown unit 'knots'"),
+        ("t [s],speed (ly)", ["0,1"], 1, r"'speed \(ly\)' has the unknown unit 'ly'"),
         ("Zeit (ms),Tempo (m/s)", ["0,1"], 1, r"'Zeit \(ms\)' is unknown: .*, with its unit: 't \[s\]'"),
-        ("t [s],speed [knots]", ["0,1"], 1, r"'speed \[knots\]' has the unknown unit 'knots'"),
+        ("t [s],speed [rpm]", ["0,1"], 1, r"'speed \[rpm\]' has the unknown unit 'rpm'"),
+        ("t_s,wheel", ["0,1"], 1, r"column 't_s' is unknown: .*--sensor-column 'NAME \[UNIT\]=t_s'"),
+        ("t_s,speed [m/s]", ["0,1"], 1, r"lacks the column t of time: .*--sensor-column 't \[s\]=NAME'"),
+        ("0.0,1.5", ["0.1,1.5"], 1, r"holds numbers: must name the columns, as 't \[s\],speed \[m/s\]'"),
+        ("t [s],x [m],y [m]", ["0,1,2"], 1, "lacks the column z of position: write 0 there if heights"),
+        ("t [s],vx [m/s]", ["0,1"], 1, "lacks the column vy, vz of velocity: .* is the column 'speed'"),
         ("t [s],sonar [m]", ["0,1"], 1, r"column 'sonar \[m\]' is unknown: must be one of t, speed"),
         ("t [s],speed [m/s],WX [rad/s]", ["0,1,1"], 1, "lacks the column wy, wz of angular_rate"),
         ("t [s];speed [m/s]", ["0;1,000"], 2, "the comma in '1,000' may be decimal or of thousands"),
@@ -118,10 +169,11 @@ HEADER = "t [s],speed [m/s]"
         ("t [s],wx [rad/s]", ["0,1"], 1, "lacks the column wy, wz of angular_rate"),
         ("speed [m/s]", ["1"], 1, "lacks the column t of time"),
         ("t [s],speed [m/s],speed [km/h]", ["0,1,1"], 1, "columns named twice: speed"),
-        (HEADER, ["0,1", "0.1"], 3, "holds 1 cells: must be 2"),
+        (HEADER, ["0,1", "0.1"], 3, "holds 1 cells: must be 2; where commas are decimal"),
+        (HEADER, ["0,1", "0,1,1,5"], 3, "holds 4 cells: must be 2; where commas are decimal"),
         (HEADER, ["0,1", "0.1,fast"], 3, "speed is 'fast': must be a finite number"),
         (HEADER, ["0,1", "0.1,1_0"], 3, "speed is '1_0': must be a finite number"),
-        (HEADER, ["0,1", "0.1,nan"], 3, "speed is 'nan': must be a finite number"),
+        (HEADER, ["0,1", "0.1,nan"], 3, "speed is 'nan': must be a finite number, or none .* an empty cell"),
         (HEADER, ["0,1", "", "inf,2"], 4, "t is 'inf'"),
         (HEADER, ["0,1", ",2"], 3, "t is ''"),
         (HEADER, ["0,1", "0.2,1", "0.1,1"], 4, "time 0.1.* s after 0.2.* s: must increase"),
@@ -136,7 +188,7 @@ HEADER = "t [s],speed [m/s]"
             None,
             "quaternion at 1.0* s is .*: must have length 1",
         ),
-        ("t [s],lat [deg],lon [deg]", ["0,1,1"], 1, "lat, lon and height must be given together"),
+        ("t [s],lat [deg],lon [deg]", ["0,1,1"], 1, "together: .* --sensor-column 'height .m.=0'"),
     ],
 )
 def test_a_bad_file_is_named_with_its_line(

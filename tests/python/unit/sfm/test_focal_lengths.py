@@ -10,6 +10,7 @@ import pytest
 import sfmcpp
 from flights import flight
 from sfm_scenes import match_graph
+from sfmcpp import InvalidArgument
 from sfmcpp.ba import residuals_px
 from sfmcpp.model import Problem
 from sfmcpp.sfm import SfmRun, reconstruct
@@ -91,6 +92,24 @@ def test_positions_determine_what_the_images_do_not(tmp_path: Path) -> None:
     assert run.gps is not None
     assert run.gps.intrinsics_sigmas is not None
     assert 0 < run.gps.intrinsics_sigmas[0, 0] < 10
+
+
+@pytest.mark.parametrize("error", [InvalidArgument("positions: none"), KeyboardInterrupt()])
+def test_positions_that_come_to_no_end_leave_it_held(error: BaseException) -> None:
+    truth = strip()
+    world = run_of(truth).model
+    assert world is not None
+    photos = match_graph(truth, sigma_px=0.3, reach=2).photos
+    told = parse_camera_argument(450.0).cameras(photos, sharing="auto", model="auto")
+
+    def adjust() -> None:
+        assert not world.fixed_intrinsics[0, 0]
+        raise error
+
+    assert world.fixed_intrinsics[0, 0]
+    with pytest.raises(type(error)):
+        settle_focals_by_positions(world, told, IncrementalSettings(), adjust)
+    assert world.fixed_intrinsics[0, 0]
 
 
 def test_a_deviation_is_judged_beside_the_focal_length_that_it_is_of() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sfmcpp.ba import residuals_px
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.sfm import fit_control_points
 from sfmcpp.sources.io.control_points import ControlPoints, Mark
@@ -51,6 +52,13 @@ def test_marks_that_are_set_by_hand_are_not_named(sigma_px: float, apart: int) -
     some = [mark for mark in control.marks if (int(mark.image[:3]) + mark.point) % apart == 0]
     noisy = remarked(replace(control, marks=some), lambda p: p + rng.normal(0, sigma_px, 2))
     assert not fit_control_points(model, noisy).outcome.warnings
+
+
+def test_keypoints_without_errors_make_no_mistake_of_marks() -> None:
+    """Rendered keypoints are exact; marks within a pixel are right all the same."""
+    _, model, control = scene()
+    model.pixels[:] -= residuals_px(model)
+    assert not fit_control_points(model, control).outcome.warnings
 
 
 @pytest.mark.parametrize(

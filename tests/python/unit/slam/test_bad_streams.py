@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sfmcpp.errors import InvalidArgument
+from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sensors import Mounting, SensorStream, Trajectory, check_rotations
 from sfmcpp.slam import (
     Gyroscope,
@@ -270,3 +270,10 @@ def test_a_rate_that_is_assumed_is_a_warning_of_a_run_with_sensors(tmp_path: Pat
     assert run(drive, callback=ends_at_once).result.warnings == []
     short.assumed_fps = None
     assert run(drive, ["odometer"], callback=ends_at_once).result.warnings == []
+    late = Drive(tmp_path / "images", short, streams={"speed": there.odometer.shifted(1e6)})
+    short.assumed_fps = 10.0
+    with pytest.raises(DatasetError, match=r"must overlap; .*; but 10 frames per second assumed"):
+        late.streams_of(["odometer"])
+    short.assumed_fps = None
+    with pytest.raises(DatasetError, match=r"lets them start together$"):
+        late.streams_of(["odometer"])

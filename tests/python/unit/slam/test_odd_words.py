@@ -8,7 +8,7 @@ import pytest
 
 from sfmcpp import slam
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.sources.io.sensor_csv import columns_of
+from sfmcpp.sources.io.sensor_columns import columns_of
 from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.synthetic import vehicle_drive

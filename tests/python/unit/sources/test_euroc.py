@@ -69,6 +69,14 @@ def test_times_come_from_the_list_or_the_names_on_the_clock_of_the_imu(tmp_path:
     assert drive.frames.assumed_fps is None
 
 
+def test_names_may_be_seconds(tmp_path: Path) -> None:
+    images = write_euroc(tmp_path, listed=False) / "cam0" / "data"
+    seconds = [1305031102.175304, 1305031102.211214, 1305031102.243211, 1305031102.275326]
+    for stamp, time_s in zip(STAMPS, seconds, strict=True):
+        (images / f"{stamp}.png").rename(images / f"{time_s:.6f}.png")
+    assert times_of(images) == seconds
+
+
 def test_the_list_goes_by_names_and_not_by_order(tmp_path: Path) -> None:
     root = write_euroc(tmp_path)
     images = root / "cam0" / "data"
