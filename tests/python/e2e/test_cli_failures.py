@@ -233,6 +233,26 @@ def test_a_full_disk_behind_a_stream_is_named_and_changes_no_exit_code(tmp_path:
     sfmcpp.read(target)
 
 
+@pytest.mark.parametrize("number", ["", "no number", "-1"])
+def test_an_environment_that_no_launcher_has_made_is_none(
+    tmp_path: Path, number: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"):
+        monkeypatch.setenv(name, number)
+    result = run_here("solve", write_noisy_circle(tmp_path), "-o", tmp_path / "out.npz")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "converged" in result.stdout
+
+
+def test_help_that_nobody_reads_to_its_end_is_no_failure() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    for words in (["--help"], ["solve", "--help"]):
+        result = subprocess.run([*COMMAND, *words], stdout=writing, stderr=subprocess.PIPE, text=True)
+        assert (result.returncode, result.stderr) == (0, "")
+    os.close(writing)
+
+
 def test_a_module_that_cannot_be_loaded_is_told_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
