@@ -25,8 +25,9 @@ class Checkpoints:
 
         So one command serves a job that is started again after it was stopped, however early.
         """
-        own = self.resumed is not None and self.resumed == self.folder
-        return own and CheckpointFolder(self.folder).is_empty()
+        if self.folder is None or self.folder != self.resumed:
+            return False
+        return CheckpointFolder(self.folder).is_empty()
 
     @cached_property
     def save(self) -> CheckpointFolder | None:
