@@ -113,6 +113,17 @@ def test_a_target_that_cannot_be_written_is_refused_before_the_input_is_read(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "start.npz"]
 
 
+@pytest.mark.parametrize(
+    "command", [["solve", "start.npz"], ["evaluate", "start.npz", "--truth", "start.npz"]]
+)
+def test_a_report_to_the_standard_output_is_refused(tmp_path: Path, command: list[str]) -> None:
+    write_noisy_circle(tmp_path)
+    result = run_here(*command, "--report", "-", cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stderr == "sfmcpp: error: -: nothing is written to the standard output, a file is wanted\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["start.npz"]
+
+
 @pytest.mark.parametrize("command", [["solve", "model", "-o", "model"], ["convert", "model", "model"]])
 def test_a_colmap_model_with_rigs_is_not_replaced_by_half_and_no_work_is_done_in_vain(
     tmp_path: Path, command: list[str]
