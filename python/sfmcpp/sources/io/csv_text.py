@@ -19,6 +19,7 @@ _ALIASES = {"°": "deg", "degree": "deg", "degrees": "deg", "decimaldegrees": "d
 _ALIASES |= dict.fromkeys(("metre", "metres", "meter", "meters"), "m")
 _ALIASES |= {"foot": "ft", "feet": "ft", "usft": "us-ft", "ftus": "us-ft", "us-feet": "us-ft"}
 _SEPARATORS = "\t;"
+_LONGEST_HEADER = 500
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
@@ -68,6 +69,15 @@ def finite_number(path: Path, line: int, column: str, cell: str, factor: float =
     if not math.isfinite(value):
         raise DatasetError(path, f"{column} is {cell!r}: must be a finite number", line)
     return value
+
+
+def match_of_header(pattern: re.Pattern[str], header: str) -> re.Match[str] | None:
+    """Match of all of a header, its blanks made single; None where it is longer than any.
+
+    On what is no header, such as thousands of blanks, a pattern would try their every division.
+    """
+    text = " ".join(header.split())
+    return pattern.fullmatch(text) if len(text) <= _LONGEST_HEADER else None
 
 
 def separator_of(header: str) -> str:

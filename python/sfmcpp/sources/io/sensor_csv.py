@@ -33,6 +33,7 @@ from sfmcpp.sources.io.csv_text import (
     DEGREES,
     LENGTH,
     finite_number,
+    match_of_header,
     numbered_lines,
     separator_of,
     unit_factor,
@@ -190,7 +191,7 @@ def _require_different(asked: list[_Asked]) -> None:
 
 def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool:
     """Give the column of the file our name, others of that name none; False if a number is asked for."""
-    names = [found[1] if (found := _HEADER.fullmatch(text)) else text for text in headers]
+    names = [found[1] if (found := match_of_header(_HEADER, text)) else text for text in headers]
     place = next((texts.index(str(asked.own)) for texts in (headers, names) if str(asked.own) in texts), None)
     if place is None and math.isnan(asked.number):
         reason = (
@@ -251,7 +252,7 @@ def _split(line: str, separator: str) -> list[str]:
 
 def _is_foreign(header: str) -> bool:
     """Whether a column is left out, such as a temperature."""
-    match = _HEADER.fullmatch(header)
+    match = match_of_header(_HEADER, header)
     return match is not None and match[1].lower() not in _KNOWN
 
 
@@ -383,7 +384,7 @@ def parse_column(header: str) -> Column | None:
     ValueError
         If the name or the unit is unknown; the message lists the known ones.
     """
-    match = _HEADER.fullmatch(header)
+    match = match_of_header(_HEADER, header)
     if match is None:
         raise ValueError(f"column {header!r}: must be a name with a unit, such as 'speed [m/s]'")
     name, unit = _KNOWN.get(match[1].lower(), match[1]), match[2] or match[3] or ""
