@@ -47,6 +47,7 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: made(camera_model=None), "camera_model = None: must be one of"),
         (lambda: made(camera_model=[]), r"camera_model = \[\]: must be one of"),
         (lambda: made(cameras=RAGGED), "cameras = .*: must be an array of numbers"),
+        (lambda: group(values=[[10**400, 0, 0]]), "values: holds an integer beyond all numbers of float64"),
         (lambda: made(pixels=MASKED), "pixels: 1 entries are masked: must be filled in or left out"),
         (lambda: solved(pixels=MASKED), "pixels: 1 entries are masked"),
         (lambda: group(values=np.ma.masked_all((1, 3))), "values: 3 entries are masked"),

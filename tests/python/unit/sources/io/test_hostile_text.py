@@ -54,8 +54,11 @@ def test_numbers_of_rigs_beyond_those_of_colmap(tmp_path: Path, number: str, nam
         read(tmp_path)
 
 
-def test_an_origin_that_is_nested_too_deeply(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"latitude_deg": 1' + "0" * 400 + ', "longitude_deg": 9, "height_m": 1}']
+)
+def test_an_origin_that_is_nested_too_deeply_or_out_of_this_world(tmp_path: Path, text: str) -> None:
     write(circle_scene(3, 20, seed=0), tmp_path / "model")
-    (tmp_path / "model" / "sfmcpp_origin.json").write_text("[" * 100_000)
+    (tmp_path / "model" / "sfmcpp_origin.json").write_text(text)
     with pytest.raises(DatasetError, match=r"sfmcpp_origin\.json: "):
         read(tmp_path / "model")
