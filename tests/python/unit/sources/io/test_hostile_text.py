@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -62,3 +63,15 @@ def test_an_origin_that_is_nested_too_deeply_or_out_of_this_world(tmp_path: Path
     (tmp_path / "model" / "sfmcpp_origin.json").write_text(text)
     with pytest.raises(DatasetError, match=r"sfmcpp_origin\.json: "):
         read(tmp_path / "model")
+
+
+@pytest.mark.parametrize("cell", ["y" * 100_000, "é" * 50_000])
+def test_a_line_without_end_is_not_quoted_to_its_end(tmp_path: Path, cell: str) -> None:
+    (tmp_path / "a.csv").write_text(f"name,x,y,z\na.jpg,1,{cell},3\n")
+    with pytest.raises(
+        DatasetError, match=r"a\.csv:2: y is '(y|é)+ \[…\] (y|é)+': must be a finite number"
+    ) as error:
+        read_position_csv(tmp_path / "a.csv")
+    assert len(str(error.value)) < 4000
+    copied = pickle.loads(pickle.dumps(error.value))
+    assert (str(copied), copied.line) == (str(error.value), 2)
