@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'CommunicatorExchange', 'ConstraintKind', 'CoreCameraFunction', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'LOSS_TABLE_TERMS', 'LossTable', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels']
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'CommunicatorExchange', 'ConstraintKind', 'CoreCameraFunction', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'LOSS_TABLE_TERMS', 'LossTable', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'check_part', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels', 'usable_cores']
 class LossTable:
     """
     A robust loss whose derivative is a table.
@@ -676,6 +676,10 @@ def check_jacobians(arrays: dict, max_observations: typing.SupportsInt | typing.
     """
     Analytic against numeric derivatives.
     """
+def check_part(arrays: dict) -> None:
+    """
+    Raise for broken arrays, which need not make a problem without those of others.
+    """
 def constraint_costs(arrays: dict) -> list[float]:
     """
     Weighted cost of each group.
@@ -751,6 +755,10 @@ def sweep_pose_weights(view: dict, constraints: collections.abc.Sequence[dict], 
 def undistorted_pixels(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """
     (M, 2) pixels as a lens without distortion would have seen them.
+    """
+def usable_cores() -> int:
+    """
+    Cores that this process may keep busy: it is bound to no others, or has no more time.
     """
 CAMERA_MODELS: tuple
 CONSTRAINT_KINDS: tuple

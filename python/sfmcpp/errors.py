@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from os import PathLike, fspath
 
+# Of a reason that quotes a line without end: its beginning, and its end, where the rule is.
+_LONGEST_REASON, _BEGIN, _END = 4000, 2000, 1000
+
 
 class SfmcppError(Exception):
     """Root of every exception that sfmcpp raises on purpose."""
@@ -21,14 +24,16 @@ class DatasetError(SfmcppError, ValueError):
     path : path-like
         The file at fault.
     reason : str
-        What is wrong, naming the value and the rule it breaks.
+        What is wrong, naming the value and the rule it breaks. Of one longer than 4,000 characters the middle
+        is left out.
     line : int, optional
         Line of a text file, counted from 1; left out for binary files.
     """
 
     def __init__(self, path: str | PathLike[str], reason: str, line: int | None = None) -> None:
         self.path = fspath(path)
-        self.reason = reason
+        is_short = len(reason) <= _LONGEST_REASON
+        self.reason = reason if is_short else f"{reason[:_BEGIN]} […] {reason[-_END:]}"
         self.line = line
         super().__init__(str(self))
 

@@ -19,13 +19,18 @@
 namespace sfmcpp::bindings {
 namespace {
 
-std::vector<std::string> check(const py::dict& arrays) {
-  const ba::Problem problem = problem_of(arrays);
+linear::ObservationGraph checked_graph(const ba::Problem& problem) {
   ba::check_arrays(problem);
   ba::check_rigs(problem);
   linear::ObservationGraph graph = ba::graph_of(problem);
   ba::Frames(problem).hold_cameras(graph);
   ba::check_duplicates(problem, graph);
+  return graph;
+}
+
+std::vector<std::string> check(const py::dict& arrays) {
+  const ba::Problem problem = problem_of(arrays);
+  const linear::ObservationGraph graph = checked_graph(problem);
   ba::check_determined(
       graph,
       ba::make_parameter_map(problem, graph, ba::free_intrinsics(problem, graph)),
@@ -95,6 +100,11 @@ void bind_check(py::module_& m) {
         &check,
         py::arg("arrays"),
         "Raise for a broken problem; return what its owner should know.");
+  m.def(
+      "check_part",
+      [](const py::dict& arrays) { checked_graph(problem_of(arrays)); },
+      py::arg("arrays"),
+      "Raise for broken arrays, which need not make a problem without those of others.");
   m.def("residuals",
         &residuals,
         py::arg("arrays"),

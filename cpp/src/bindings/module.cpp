@@ -4,6 +4,7 @@
 
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/core/isa.hpp"
+#include "sfmcpp/core/machine.hpp"
 
 namespace py = pybind11;
 
@@ -30,6 +31,10 @@ PYBIND11_MODULE(_core, m) {
   m.doc() = "C++ core of sfmcpp; the public interface is the package sfmcpp.";
   m.attr("__version__") = SFMCPP_VERSION;
   m.attr("INSTRUCTION_SET") = py::str(std::string(sfmcpp::isa_name(sfmcpp::active_isa())));
+  m.def(
+      "usable_cores",
+      [] { return sfmcpp::usable_cores(); },
+      "Cores that this process may keep busy: it is bound to no others, or has no more time.");
   register_errors();
   sfmcpp::bindings::bind_losses(m);
   sfmcpp::bindings::bind_options(m);

@@ -10,6 +10,8 @@
 #include <unistd.h>
 #endif
 
+#include "sfmcpp/core/machine.hpp"
+
 namespace sfmcpp {
 namespace {
 
@@ -202,8 +204,8 @@ BorrowedPool::~BorrowedPool() {
 int resolve_num_threads(int requested, long observations) {
   if (requested > 0) return requested;
   const long worthwhile = std::max(1L, observations / kObservationsWorthAThread);
-  const long available = std::max(1u, std::thread::hardware_concurrency());
-  return static_cast<int>(std::min(worthwhile, available));
+  if (worthwhile == 1) return 1;
+  return static_cast<int>(std::min(worthwhile, static_cast<long>(usable_cores())));
 }
 
 }  // namespace sfmcpp

@@ -47,6 +47,11 @@ def check(problem: Problem) -> list[str]:
     return [*about_input, *warnings_about_calibration(problem, problem.intrinsics)]
 
 
+def check_part(problem: Problem) -> None:
+    """Raise InvalidArgument for broken arrays of a problem that other ranks or constraints may complete."""
+    _core.check_part(core_arrays(problem))
+
+
 def with_ids_of_points(warnings: Iterable[str], problem: Problem) -> list[str]:
     """Warnings of the core, with COLMAP's identifiers of the points they name where the problem has them."""
 

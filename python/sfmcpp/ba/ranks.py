@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Protocol, TypeVar
 
+from sfmcpp._core import usable_cores
 from sfmcpp.errors import InvalidArgument
 
 T = TypeVar("T")
@@ -151,9 +152,9 @@ class Ranks:
 
     def cores_of_this(self) -> int:
         """Cores for this rank: a fair share of those that it may use with others of its machine."""
-        mine = (platform.node(), _usable_cores())
+        mine = (platform.node(), _cores_allowed())
         sharing = sum(node == mine[0] and bool(cores & mine[1]) for node, cores in self.everyones(mine))
-        return max(1, len(mine[1]) // sharing)
+        return max(1, usable_cores() // sharing)
 
 
 _NAP_S = 1e-4
@@ -186,7 +187,7 @@ def _error_with_rank(error: BaseException, rank: int, ranks: int) -> BaseExcepti
     return error
 
 
-def _usable_cores() -> frozenset[int]:
+def _cores_allowed() -> frozenset[int]:
     if hasattr(os, "sched_getaffinity"):
         return frozenset(os.sched_getaffinity(0))
     return frozenset(range(os.cpu_count() or 1))

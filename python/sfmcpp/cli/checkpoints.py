@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from sfmcpp.cli.console import print_note
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checkpoints import CheckpointFolder
 
@@ -19,6 +20,16 @@ class Checkpoints:
     resumed: Path | None = None
 
     @cached_property
+    def begins_anew(self) -> bool:
+        """Whether a run that shall go on in a folder of its own checkpoints has none there yet.
+
+        So one command serves a job that is started again after it was stopped, however early.
+        """
+        if self.folder is None or self.folder != self.resumed:
+            return False
+        return CheckpointFolder(self.folder).is_empty()
+
+    @cached_property
     def save(self) -> CheckpointFolder | None:
         """Folder to save in."""
         return None if self.folder is None else CheckpointFolder(self.folder, self.every_s)
@@ -26,10 +37,12 @@ class Checkpoints:
     @cached_property
     def resume(self) -> CheckpointFolder | None:
         """Folder to resume from."""
-        return None if self.resumed is None else CheckpointFolder(self.resumed)
+        return None if self.resumed is None or self.begins_anew else CheckpointFolder(self.resumed)
 
-    def check(self) -> None:
+    def check(self, *, quiet: bool) -> None:
         """Raise a DatasetError for what cannot be saved or taken up, before any work is done."""
+        if self.begins_anew and not quiet:
+            print_note(f"note: {self.folder}: holds no checkpoint yet, the run begins at its start")
         if self.resume is not None:
             self.resume.load()
         if self.save is not None:

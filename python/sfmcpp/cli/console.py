@@ -68,6 +68,13 @@ def print_error(message: object) -> ExitCode:
     return ExitCode.BAD_INPUT
 
 
+def in_words(error: OSError) -> str:
+    """A failure of the operating system, with the file that it is about, as other errors name it."""
+    if error.filename is None or error.strerror is None:
+        return str(error)
+    return f"{os.fsdecode(error.filename)}: {error.strerror.lower()}"
+
+
 def print_interrupted() -> ExitCode:
     """Tell that a stop came before there was anything to keep."""
     print_note("interrupted")
@@ -92,7 +99,7 @@ def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
         except MemoryError:
             return print_error("not enough memory")
         except OSError as error:
-            return print_error(error)
+            return print_error(in_words(error))
 
     return run
 

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
 
-from sfmcpp.cli.console import ExitCode, print_error, print_interrupted
+from sfmcpp.cli.console import ExitCode, in_words, print_error, print_interrupted
 from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
 from sfmcpp.cli.mpi_launch import is_said_by_another
 from sfmcpp.cli.reading_apart import is_read_apart, solve_as_read_apart
@@ -37,7 +37,7 @@ def _guarded(task: Callable[[], int]) -> int:
             return print_interrupted()
         return print_error(f"a part of the program cannot be loaded: {error}")
     except OSError as error:
-        return print_error(error)
+        return print_error(in_words(error))
     except KeyboardInterrupt:  # while modules are loaded
         return print_interrupted()
 
@@ -65,6 +65,8 @@ def _dispatch(arguments: list[str]) -> int:
         return print_error(message) if _is_of_a_path(error) else _refuse_usage(arguments, message)
     except typer.Abort:
         return print_interrupted()
+    except SystemExit:  # whoever read the help has gone; commands end so themselves
+        return ExitCode.DONE
     # Typer ends without a word where arguments are read; a command has had its own.
     if result == ExitCode.INTERRUPTED and not isinstance(result, ExitCode):
         return print_interrupted()

@@ -25,7 +25,13 @@ _QUIET_ABORT = "MPIR_CVAR_SUPPRESS_ABORT_MESSAGE"
 
 def num_launched() -> int:
     """Count the processes that a known launcher says it has started with this one."""
-    return max(int(os.environ.get(name, "1")) for name in _SIZES)
+    return max(_number_in(name, default=1) for name in _SIZES)
+
+
+def _number_in(name: str, *, default: int) -> int:
+    """A number of the environment; the default where there is none: no launcher has set it then."""
+    text = os.environ.get(name, "")
+    return int(text) if text.isdecimal() else default
 
 
 def is_said_by_another(arguments: Sequence[str]) -> bool:
@@ -33,7 +39,7 @@ def is_said_by_another(arguments: Sequence[str]) -> bool:
 
     Commands such as `info` each process does for itself: its arguments may be its own.
     """
-    is_first = all(int(os.environ.get(name, "0")) == 0 for name in _RANKS)
+    is_first = all(_number_in(name, default=0) == 0 for name in _RANKS)
     return not is_first and (not arguments or arguments[0] not in ALONE)
 
 

@@ -94,7 +94,7 @@ def solve_file(job: Job) -> ExitCode:
     if ranks is not None:
         return run_on_ranks(ranks, lambda heeded: _solve_file_on(job, ranks, heeded))
     _check(job)
-    job.checkpoints.check()
+    job.checkpoints.check(quiet=job.quiet)
     started = time.perf_counter()
     problem = _problem(job)
     job.targets.check_fits(problem, refined=job.refine is not None)

@@ -58,7 +58,7 @@ def run_slam_files(
     from sfmcpp.study.slam_files import FILES, MODEL  # which draws pictures
 
     require_results_folder(folder, FILES, MODEL)
-    checkpoints.check()
+    checkpoints.check(quiet=quiet)
     drive = open_drive(source, **opening)
     count = len(drive.frames)
     with (

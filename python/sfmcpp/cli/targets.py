@@ -17,6 +17,7 @@ from sfmcpp.sources.io.files import (
     failures_named,
     require_folder,
     require_regular_file,
+    require_replaceable,
     scratch_folder_beside,
 )
 from sfmcpp.sources.io.format import Format
@@ -117,7 +118,8 @@ def require_page_name(path: Path) -> None:
 
 def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
     """Raise a DatasetError unless a problem can be written to `path`; its name implies a missing format."""
-    chosen = chosen or format_of(path)
+    with failures_named(path):
+        chosen = chosen or format_of(path)
     if not chosen.writable:
         raise DatasetError(path, f"format {chosen.name} can be read but not written")
     if chosen.target_check is not None:
@@ -130,8 +132,7 @@ def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
 
 def require_writable_file(path: Path) -> None:
     """Raise a DatasetError unless a file could be written to `path`."""
-    with failures_named(path):
-        require_regular_file(path)
+    require_replaceable(path)
     _require_writable_folder(path, path.parent)
 
 
@@ -193,8 +194,8 @@ def require_results_folder(folder: Path, files: Iterable[str], model: str) -> No
 @contextmanager
 def writable_folder(folder: Path) -> Iterator[None]:
     """Make a folder that can be written; a run that fails leaves none that is empty."""
-    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     with failures_named(folder):
+        missing = [path for path in (folder, *folder.parents) if not path.exists()]
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass

@@ -62,6 +62,8 @@ def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
         array = np.ascontiguousarray(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
+    except OverflowError:  # integers of Python may have thousands of digits
+        raise InvalidArgument(f"{name}: holds an integer beyond all numbers of float64") from None
     if array.ndim != len(shape) or any(n not in (ANY, m) for n, m in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if n == ANY else str(n) for n in shape)
         raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from typing import TypeVar
 
+from sfmcpp._core import usable_cores
 from sfmcpp.model.checks import require_count
 
 Task = TypeVar("Task")
@@ -47,8 +47,7 @@ def thread_count(wanted: int | None) -> int:
     if wanted is not None:
         require_count("threads", wanted)
         return wanted
-    affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
+    return usable_cores()
 
 
 def results_in_order(

@@ -18,6 +18,7 @@ from sfmcpp.model.checks import looked_up
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.cameras import camera_file, read_camera
 from sfmcpp.sources.io.colmap.camera_models import MODELS
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 
 if TYPE_CHECKING:
@@ -308,7 +309,9 @@ def _input_of_text(text: str) -> CameraInput:
         return _input_of_focal(float(text))
     except ValueError:
         path = Path(text)
-    if not camera_file(path)[0].exists():
+    with failures_named(path):
+        is_there = camera_file(path)[0].exists()
+    if not is_there:
         if path.suffix:
             raise DatasetError(path, "there is no such file")
         raise InvalidArgument(f"camera = {text!r}: {_RULE}")

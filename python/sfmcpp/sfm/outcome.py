@@ -129,9 +129,13 @@ def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSett
     list of str
     """
     warnings = list(grown.warnings)
-    images = len(graph.photos) + len(graph.unreadable)
-    if graph.unreadable:
-        warnings.append(f"{len(graph.unreadable)} of {images} images cannot be read")
+    closed = [name for name in graph.unreadable if name.endswith("/")]
+    unreadable = len(graph.unreadable) - len(closed)
+    images = len(graph.photos) + unreadable
+    if unreadable:
+        warnings.append(f"{unreadable} of {images} images cannot be read")
+    if closed:
+        warnings.append(f"folders cannot be read, nor what is in them: {', '.join(closed)}")
     if not grown.models:
         warnings.append(_why_no_model(graph))
     else:

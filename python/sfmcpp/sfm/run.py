@@ -53,6 +53,7 @@ from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sources.io.colmap.database import is_database
+from sfmcpp.sources.io.files import failures_named
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
@@ -221,18 +222,15 @@ def _scene_of(
     if isinstance(source, ImageTracks):
         return _scene_of_tracks(from_corner(source), run, front.threads)
     path = Path(source)
-    if not path.exists():
-        raise DatasetError(path, "no such file or directory")
-    if path.is_dir() and _has_images(path):
+    if _has_images(path):
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
         raise InvalidArgument(_NO_MASKS)
     _require_no_single_picture(path)
     if is_database(path):
         with run.timed("matching"):
-            graph = match_graph_of_database(
-                path, seed=run.settings.seed, threads=front.threads, progress=run.progress
-            )
+            seed, threads = run.settings.seed, front.threads
+            graph = match_graph_of_database(path, seed=seed, threads=threads, progress=run.progress)
         return _scene_of(graph, run, masks, front, cache)
     from sfmcpp.sources.io.image_tracks import read_image_tracks
 
@@ -250,11 +248,13 @@ def _require_no_single_picture(path: Path) -> None:
         raise DatasetError(path, f"is a video: {photos_of_video(path.name)}")
 
 
-def _has_images(folder: Path) -> bool:
-    """Whether a folder is one of images: it is, unless it holds a model or tracks."""
-    return not any(folder.glob("[!.]*.bin")) and not any(
-        (folder / name).exists() for name in ("cameras.txt", "Image1.mat")
-    )
+def _has_images(path: Path) -> bool:
+    """Whether a path is a folder of images: it is, unless it holds a model or tracks."""
+    with failures_named(path):
+        if not path.exists():
+            raise DatasetError(path, "no such file or directory")
+        others = (*path.glob("[!.]*.bin"), path / "cameras.txt", path / "Image1.mat")
+        return path.is_dir() and not any(other.exists() for other in others)
 
 
 def _scene_of_photos(

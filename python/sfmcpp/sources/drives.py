@@ -16,6 +16,7 @@ from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_columns import columns_of
 from sfmcpp.sources.io.sensor_csv import left_out_columns, read_sensor_csv
@@ -190,7 +191,8 @@ def open_drive(
     files = _paths(sensor_file)
     apart = _read_all_sensors(files, sensor_columns)
     try:
-        frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
+        with failures_named(source):
+            frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
     how = mounting_of(mounting) or apart.mounting or own.mounting

@@ -53,7 +53,9 @@ def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
     if given in _NAMES:
         return _NAMES[str(given)]()
     path = Path(given)
-    if not path.exists() and path.suffix == "":
+    with failures_named(path):
+        is_there = path.exists()
+    if not is_there and path.suffix == "":
         rule = f"must be {', '.join(_NAMES)}, or a file with the rows of body_from_camera, [R | t]"
         raise DatasetError(path, f"is no mounting and no file: {rule}")
     if _is_document(path):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
-from sfmcpp.ba.check import check
+from sfmcpp.ba.check import check_part
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.ba.contradictions import contradiction_warnings
 from sfmcpp.ba.options import SolveOptions, takes_options
@@ -203,7 +203,7 @@ def _solve_on_ranks(
 ) -> Summary:
     def weigh(whole: Problem | None) -> _Weights:
         checked = cast(Problem, whole)  # used where there is one
-        check(checked)
+        check_part(checked)
         return _choose_weights(checked, groups, weight, settings)
 
     parts: Scattered | OwnParts
@@ -212,7 +212,7 @@ def _solve_on_ranks(
         parts = Scattered(problem, ranks)
     else:
         parts = OwnParts(cast(Problem, problem), ranks)
-        ranks.agreed(lambda: check(parts.mine))
+        ranks.agreed(lambda: check_part(parts.mine))
         whole = parts.mine if weight is None else gathered(parts, ranks)
         weights = ranks.from_root(lambda: weigh(whole))
     for group, value in zip(groups, weights.all, strict=True):

@@ -261,6 +261,33 @@ def test_the_command_stops_and_goes_on_to_the_same_files(tmp_path: Path) -> None
     assert json.loads(report.read_text())["iterations"][0]["iteration"] == 0
 
 
+@pytest.mark.parametrize("killed_early", [False, True])
+def test_one_command_serves_a_job_that_is_started_again(tmp_path: Path, killed_early: bool) -> None:
+    source = write_noisy_circle(tmp_path)
+    out, whole, kept = tmp_path / "out.npz", tmp_path / "whole.npz", tmp_path / "kept"
+    assert run_here("solve", source, "-o", whole, "--quiet").returncode == 0
+    if killed_early:
+        kept.mkdir()
+    job = ("solve", source, "-o", out, "--checkpoint", kept, "--resume", kept)
+    first = run_here(*job, "--max-iterations", "2")
+    assert first.stderr == f"sfmcpp: note: {kept}: holds no checkpoint yet, the run begins at its start\n"
+    assert out.read_bytes() != whole.read_bytes()
+    again = run_here(*job)
+    assert (again.returncode, again.stderr) == (0, "")
+    assert out.read_bytes() == whole.read_bytes()
+
+
+def test_checkpoints_of_ranks_are_no_empty_folder(tmp_path: Path) -> None:
+    kept = tmp_path / "kept"
+    assert CheckpointFolder(kept).is_empty()
+    (kept / "rank-0000").mkdir(parents=True)
+    assert CheckpointFolder(kept).is_empty()
+    (kept / "rank-0000" / "checkpoint-b.npz").write_text("")
+    assert not CheckpointFolder(kept).is_empty()
+    result = run_here("solve", write_noisy_circle(tmp_path), "--checkpoint", kept, "--resume", kept)
+    assert (result.returncode, "holds the checkpoints of 1 ranks" in result.stderr) == (2, True)
+
+
 def test_the_command_refuses_in_one_line_before_the_work(tmp_path: Path) -> None:
     source = write_noisy_circle(tmp_path)
     (tmp_path / "file").write_text("")

@@ -113,6 +113,17 @@ def test_a_target_that_cannot_be_written_is_refused_before_the_input_is_read(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.npz", "start.npz"]
 
 
+@pytest.mark.parametrize(
+    "command", [["solve", "start.npz"], ["evaluate", "start.npz", "--truth", "start.npz"]]
+)
+def test_a_report_to_the_standard_output_is_refused(tmp_path: Path, command: list[str]) -> None:
+    write_noisy_circle(tmp_path)
+    result = run_here(*command, "--report", "-", cwd=tmp_path)
+    assert result.returncode == 2
+    assert result.stderr == "sfmcpp: error: -: nothing is written to the standard output, a file is wanted\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["start.npz"]
+
+
 @pytest.mark.parametrize("command", [["solve", "model", "-o", "model"], ["convert", "model", "model"]])
 def test_a_colmap_model_with_rigs_is_not_replaced_by_half_and_no_work_is_done_in_vain(
     tmp_path: Path, command: list[str]
@@ -231,6 +242,26 @@ def test_a_full_disk_behind_a_stream_is_named_and_changes_no_exit_code(tmp_path:
     assert told.stderr == "sfmcpp: error: standard output: No space left on device\n"
     assert (told.returncode, untold.returncode) == (2, 2)
     sfmcpp.read(target)
+
+
+@pytest.mark.parametrize("number", ["", "no number", "-1"])
+def test_an_environment_that_no_launcher_has_made_is_none(
+    tmp_path: Path, number: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("PMI_SIZE", "PMI_RANK", "OMPI_COMM_WORLD_SIZE", "OMPI_COMM_WORLD_RANK"):
+        monkeypatch.setenv(name, number)
+    result = run_here("solve", write_noisy_circle(tmp_path), "-o", tmp_path / "out.npz")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "converged" in result.stdout
+
+
+def test_help_that_nobody_reads_to_its_end_is_no_failure() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    for words in (["--help"], ["solve", "--help"]):
+        result = subprocess.run([*COMMAND, *words], stdout=writing, stderr=subprocess.PIPE, text=True)
+        assert (result.returncode, result.stderr) == (0, "")
+    os.close(writing)
 
 
 def test_a_module_that_cannot_be_loaded_is_told_in_one_line(

@@ -140,6 +140,10 @@ def test_weights_are_chosen_where_each_rank_brings_its_part() -> None:
     require_success(case(3, "weights_of_parts"))
 
 
+def test_parts_need_not_be_problems_by_themselves() -> None:
+    require_success(on_ranks(3, "-m", "mpi4py", "ranks_of_little.py"))
+
+
 @pytest.mark.parametrize("count", [2, 3])
 def test_what_one_rank_gets_wrong_all_refuse(count: int) -> None:
     require_success(case(count, "refusals"))

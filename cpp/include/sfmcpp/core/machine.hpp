@@ -1,10 +1,17 @@
-// The machine that this process runs on.
+// The machine that this process runs on, and what of it is left to the process.
 #pragma once
+
+#include <string>
 
 namespace sfmcpp {
 
-// Physical memory in bytes, or what a container may have of it.
-double memory_limit_bytes();
+// Physical memory in bytes, or what the control groups of this process (a container, a batch job)
+// may have of it. `root`: where the files of the system are.
+double memory_limit_bytes(const std::string& root = "");
+
+// Cores that this process may keep busy, one at least: those that it is bound to, or as many as its
+// control groups have time for.
+int usable_cores(const std::string& root = "");
 
 // A whole number that identifies this machine, made from its name.
 double machine_number();

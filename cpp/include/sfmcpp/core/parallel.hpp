@@ -181,8 +181,8 @@ class BorrowedPool {
   std::unique_ptr<ThreadPool> pool_;
 };
 
-// Number of threads to use: `requested`, or for 0 what the machine has, unless the work is too
-// small to gain from more than one.
+// Number of threads to use: `requested`, or for 0 the usable cores, unless the work is too small to
+// gain from more than one.
 int resolve_num_threads(int requested, long observations);
 
 }  // namespace sfmcpp

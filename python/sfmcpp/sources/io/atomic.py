@@ -9,13 +9,14 @@ from __future__ import annotations
 import fcntl
 import os
 import secrets
+import stat
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import IO
 
-from sfmcpp.sources.io.files import failures_named, require_parent_folder, require_regular_file
+from sfmcpp.sources.io.files import failures_named, require_parent_folder, require_replaceable
 
 # Short names of their own: with a suffix, a target's could become too long.
 _TEMPORARY, _BEFORE = ".sfmcpp-new-", ".sfmcpp-old-"
@@ -28,7 +29,7 @@ def atomic_files(*targets: Path, durable: bool = True) -> Iterator[tuple[IO[byte
     Until then they are temporary files in the targets' folders; if the block raises, or a target cannot be
     replaced, they are removed and the targets stay as they were. Several targets never stand beside what was
     there before: if the process is killed as they are replaced, one at least is missing. Symbolic links are
-    followed.
+    followed. A file that is replaced hands on its permissions.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def atomic_files(*targets: Path, durable: bool = True) -> Iterator[tuple[IO[byte
     Raises
     ------
     DatasetError
-        If a target is a directory, a device or a pipe, or it, or its folder, cannot be written.
+        If a target is a directory, a device or a pipe, or it is read-only, or its folder cannot be written.
     """
     resolved = [_resolved_target(target) for target in targets]
     for folder in {path.parent for path in resolved}:
@@ -85,7 +86,7 @@ def _make_folder(folder: Path) -> bool:
 
 def _resolved_target(target: Path) -> Path:
     with failures_named(target):
-        require_regular_file(target)
+        require_replaceable(target)
         require_parent_folder(target)
         return Path(os.path.realpath(target))
 
@@ -96,10 +97,29 @@ def _temporary_path(target: Path, prefix: str) -> Path:
 
 def _create(temporary: Path, target: Path) -> IO[bytes]:
     with failures_named(target):
+        file = _created_and_locked(temporary)
+        with suppress(OSError):
+            _give_permissions_of(target, file)
+        return file
+
+
+def _created_and_locked(temporary: Path) -> IO[bytes]:
+    """A new file; made again where another process took it for left over before it was locked."""
+    while True:
         file = temporary.open("xb")
         with suppress(OSError):  # some file systems have no locks, and then nothing is swept
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return file
+            fcntl.flock(file, fcntl.LOCK_EX)
+        if os.fstat(file.fileno()).st_nlink:
+            return file
+        file.close()
+
+
+def _give_permissions_of(target: Path, file: IO[bytes]) -> None:
+    """Let a file have owner, group and mode of the one that it will replace, as far as allowed."""
+    before = target.stat()
+    with suppress(OSError):
+        os.fchown(file.fileno(), before.st_uid, before.st_gid)
+    os.fchmod(file.fileno(), stat.S_IMODE(before.st_mode))
 
 
 def _flush_file(file: IO[bytes], durable: bool) -> None:
@@ -113,7 +133,7 @@ def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
     if len(targets) == 1:
         temporaries[0].replace(targets[0])
         return
-    with ExitStack() as undo:
+    with ExitStack() as undo, _alone_in({path.parent for path in targets}):
         kept = [(path, _temporary_path(path, _BEFORE)) for path in targets if path.exists()]
         for path, before in kept:
             path.replace(before)
@@ -124,6 +144,29 @@ def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
             undo.callback(path.unlink, missing_ok=True)
         undo.pop_all()
     _remove([before for _, before in kept])
+
+
+@contextmanager
+def _alone_in(folders: set[Path]) -> Iterator[None]:
+    """Let others that replace several files in these folders wait: of each one's files some would be left."""
+    with ExitStack() as opened:
+        for folder in sorted(folders):  # in one order: two that wait for each other would wait for ever
+            with suppress(OSError):
+                opened.enter_context(_locked(folder, fcntl.LOCK_EX))
+        yield
+
+
+@contextmanager
+def _locked(folder: Path, how: int) -> Iterator[None]:
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(number, how)
+        try:
+            yield
+        finally:
+            fcntl.flock(number, fcntl.LOCK_UN)  # processes forked meanwhile share the lock
+    finally:
+        os.close(number)
 
 
 def _remove(leftovers: Sequence[Path]) -> None:
@@ -146,21 +189,14 @@ def _sync_folders(folders: set[Path]) -> None:
 
 @cache
 def remove_leftovers(folder: Path) -> None:
-    """Remove what killed processes have left in a folder; once for each, which may hold many files.
-
-    Processes that write to one folder together do so before any of them writes: what one has just made and
-    not yet locked looks left.
-    """
-    with suppress(OSError):
+    """Remove what killed processes have left in a folder; once for each, which may hold many files."""
+    with suppress(OSError), _locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB):  # files set aside have no lock
         for path in folder.iterdir():
-            if path.name.startswith((_TEMPORARY, _BEFORE)) and _is_leftover(path):
-                path.unlink()
+            if path.name.startswith((_TEMPORARY, _BEFORE)):
+                _remove_unless_locked(path)
 
 
-def _is_leftover(path: Path) -> bool:
-    with path.open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            return False
-    return True
+def _remove_unless_locked(path: Path) -> None:
+    with suppress(OSError), path.open("rb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        path.unlink()

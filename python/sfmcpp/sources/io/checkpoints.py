@@ -118,7 +118,7 @@ class CheckpointFolder:
         if goes_on:
             assert isinstance(resumed, CheckpointFolder)
             self._newest = resumed._newest
-        elif any((self.path / name).exists() for name in _NAMES):
+        elif self._files():
             raise DatasetError(
                 self.path, "holds the checkpoints of an earlier run: resume it, or remove them"
             )
@@ -180,12 +180,11 @@ class CheckpointFolder:
         self._require_none_of_ranks()
         found: list[tuple[_Slot, Checkpoint]] = []
         refused: list[DatasetError] = []
-        for number, name in enumerate(_NAMES):
-            if (self.path / name).exists():
-                try:
-                    found.append(_read(self.path / name, number))
-                except DatasetError as error:
-                    refused.append(error)
+        for number, path in self._files():
+            try:
+                found.append(_read(path, number))
+            except DatasetError as error:
+                refused.append(error)
         found = [pair for pair in found if sequence in (None, pair[0].sequence)]
         if not found:
             raise refused[0] if refused else DatasetError(self.path, "holds no checkpoint")
@@ -201,13 +200,31 @@ class CheckpointFolder:
                 found.add(_read(self.path / name, 0)[0].sequence)
         return found
 
+    def is_empty(self) -> bool:
+        """Whether it holds no checkpoint file, of one process or of ranks, or is not there.
+
+        Raises
+        ------
+        DatasetError
+            If the folder cannot be searched.
+        """
+        with failures_named(self.path):
+            return not self._files() and not any(any(self.path.glob(f"{_RANK}*/{name}")) for name in _NAMES)
+
+    def _files(self) -> list[tuple[int, Path]]:
+        """Those of its two files that are there, with their numbers."""
+        with failures_named(self.path):
+            named = enumerate(self.path / name for name in _NAMES)
+            return [(number, path) for number, path in named if path.exists()]
+
     def _require_none_of_ranks(self) -> None:
-        count = len([*self.path.glob(f"{_RANK}*")]) if self.path.is_dir() else 0
+        with failures_named(self.path):
+            count = len([*self.path.glob(f"{_RANK}*")]) if self.path.is_dir() else 0
         if count:
             raise DatasetError(self.path, f"holds the checkpoints of {count} ranks, this is one process")
 
     def _require_none_of_one_process(self) -> None:
-        if any((self.path / name).exists() for name in _NAMES):
+        if self._files():
             raise DatasetError(self.path, "holds the checkpoints of one process, these are several ranks")
 
 

@@ -28,6 +28,7 @@ _ALIASES |= dict.fromkeys(("knot", "knots", "kt", "kts"), "kn") | {"dps": "deg/s
 # Ends and beginnings of units that are written in several ways.
 _SPELLINGS = ((" s^-1", "/s"), ("/sec", "/s"), ("degrees/", "deg/"), ("\u00b0/", "deg/"), (" ", ""))
 _SEPARATORS = "\t;"
+_LONGEST_HEADER = 500
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
@@ -83,6 +84,15 @@ def finite_number(
     if not math.isfinite(value):
         raise DatasetError(path, f"{column} is {cell!r}: must be a finite number{other}", line)
     return value
+
+
+def match_of_header(pattern: re.Pattern[str], header: str) -> re.Match[str] | None:
+    """Match of all of a header, its blanks made single; None where it is longer than any.
+
+    On what is no header, such as thousands of blanks, a pattern would try their every division.
+    """
+    text = " ".join(header.split())
+    return pattern.fullmatch(text) if len(text) <= _LONGEST_HEADER else None
 
 
 def separator_of(header: str) -> str:

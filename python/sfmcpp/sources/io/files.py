@@ -174,18 +174,40 @@ def require_regular_file(path: Path) -> None:
         raise DatasetError(path, "is not a regular file")
 
 
+def require_replaceable(path: Path) -> None:
+    """Refuse a target as :func:`require_regular_file`, and one that is there and must not be written.
+
+    A file that is replaced is not opened: nothing else would heed what its permissions protect. The name that
+    elsewhere means the output is refused, too.
+    """
+    _refuse_standard_output(path, "a file is wanted")
+    require_regular_file(path)
+    with failures_named(path):
+        is_protected = path.exists() and not os.access(path, os.W_OK)
+    if is_protected:
+        raise DatasetError(path, "permission denied: the file that is there is read-only")
+
+
+def _refuse_standard_output(path: Path, wanted: str) -> None:
+    if path == Path("-"):
+        raise DatasetError(path, f"nothing is written to the standard output, {wanted}")
+
+
 def require_folder(path: Path, purpose: str = "") -> None:
     """Refuse what cannot become a folder of results: a file, and the name that elsewhere means the output."""
     wanted = f"a folder is wanted{purpose}"
-    if path == Path("-"):
-        raise DatasetError(path, f"nothing is written to the standard output, {wanted}")
-    if path.exists() and not path.is_dir():
+    _refuse_standard_output(path, wanted)
+    with failures_named(path):
+        is_file = path.exists() and not path.is_dir()
+    if is_file:
         raise DatasetError(path, f"is a file, {wanted}")
 
 
 def require_parent_folder(path: Path) -> None:
     """Refuse a target in a folder that is not there."""
-    if not path.parent.is_dir():
+    with failures_named(path):
+        is_there = path.parent.is_dir()
+    if not is_there:
         raise DatasetError(path, f"the folder {str(path.parent)!r} does not exist")
 
 

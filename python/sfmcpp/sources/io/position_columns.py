@@ -13,6 +13,7 @@ from sfmcpp.sources.io.csv_text import (
     LENGTH,
     cells_of,
     finite_number,
+    match_of_header,
     separator_of,
     unit_factor,
 )
@@ -239,7 +240,7 @@ def _column(headers: Sequence[str], place: int, units: dict[str, float]) -> Colu
 
 
 def _header_and_unit(header: str) -> tuple[str, str]:
-    match = _WITH_UNIT.fullmatch(header)
+    match = match_of_header(_WITH_UNIT, header)
     return (header, "") if match is None else (match[1], match[2] or "")
 
 

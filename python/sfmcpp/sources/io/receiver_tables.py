@@ -25,8 +25,9 @@ from sfmcpp.sources.io.csv_text import finite_number
 from sfmcpp.sources.io.named_positions import NamedPositions
 from sfmcpp.sources.io.position_columns import NumberedLine, Triple
 
-_MRK = re.compile(r"\s*\d+\s.*,\s*Lat\b.*,\s*Lon\b.*,\s*Ellh\b", re.IGNORECASE)
-_LABELLED = re.compile(r"(\S+)\s*,\s*(Lat|Lon|Ellh|Q)\b", re.IGNORECASE)
+_PHOTO_NUMBER = re.compile(r"\s*\d{1,18}\s")
+# A cell is tried from its first character on, and never from the others: lines may be long.
+_LABELLED = re.compile(r"(?<![^\s,])([^\s,]+)\s*,\s*(Lat|Lon|Ellh|Q)\b", re.IGNORECASE)
 _SPREADS = re.compile(r"Ellh\s+([^\s,]+)\s*,\s*([^\s,]+)\s*,\s*([^\s,]+)\s", re.IGNORECASE)
 _MRK_RULE = "must have a photo number, Lat, Lon, Ellh, three standard deviations and Q, as DJI writes them"
 
@@ -42,7 +43,7 @@ _NO_FIX = 0
 
 def is_mrk(line: str) -> bool:
     """Whether a line is the first of a DJI's MRK."""
-    return _MRK.match(line) is not None
+    return _PHOTO_NUMBER.match(line) is not None and {"lat", "lon", "ellh"} <= _cells(line).keys()
 
 
 def is_pos(line: str) -> bool:
@@ -62,10 +63,10 @@ def positions_of_mrk(source: Path, lines: Sequence[NumberedLine]) -> NamedPositi
     sigmas: dict[str, Triple] = {}
     seen: set[str] = set()
     for number, line in lines:
-        cells = {label.lower(): cell for cell, label in _LABELLED.findall(line)}
+        cells = _cells(line)
         spreads = _SPREADS.search(line)
         photo = line.split()[0]
-        if not (photo.isdecimal() and {"lat", "lon", "ellh", "q"} <= cells.keys() and spreads):
+        if not (_PHOTO_NUMBER.match(line) and {"lat", "lon", "ellh", "q"} <= cells.keys() and spreads):
             raise DatasetError(source, f"{line.strip()[:40]!r}: {_MRK_RULE}", number)
         if (name := str(int(photo))) in seen:
             raise DatasetError(source, f"photo {name} stands there twice", number)
@@ -79,6 +80,11 @@ def positions_of_mrk(source: Path, lines: Sequence[NumberedLine]) -> NamedPositi
     if not positions:
         raise DatasetError(source, "holds no photo with a position: the receiver had no solution")
     return NamedPositions(positions, geodetic=True, sigmas=sigmas, named_by="photo number")
+
+
+def _cells(line: str) -> dict[str, str]:
+    """Cells of a line of an MRK by their labels, which follow them."""
+    return {label.lower(): cell for cell, label in _LABELLED.findall(line)}
 
 
 def positions_of_pos(source: Path, lines: Sequence[NumberedLine]) -> NamedPositions:

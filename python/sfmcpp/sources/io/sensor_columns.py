@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from sfmcpp.sources.io.csv_text import DEGREES, LENGTH, unit_factor
+from sfmcpp.sources.io.csv_text import DEGREES, LENGTH, match_of_header, unit_factor
 
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _SPEED = {"m/s": 1.0, "km/h": 1 / 3.6, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": 0.3048}
@@ -59,7 +59,7 @@ HEADER = re.compile(r"#?\s*([^\[\]()]+?)\s*(?:\[\s*([^\]]*?)\s*\]|\(\s*([^)]*?)\
 
 def is_foreign(header: str) -> bool:
     """Whether a column is left out, such as a temperature, or one without a name."""
-    match = HEADER.fullmatch(header)
+    match = match_of_header(HEADER, header)
     return not header or (match is not None and match[1].lower() not in KNOWN)
 
 
@@ -91,7 +91,7 @@ def parse_column(header: str) -> Column | None:
     ValueError
         If the name or the unit is unknown; the message lists the known ones.
     """
-    match = HEADER.fullmatch(header)
+    match = match_of_header(HEADER, header)
     if match is None:
         raise ValueError(f"column {header!r}: must be a name with a unit, such as 'speed [m/s]'")
     name, unit = KNOWN.get(match[1].lower(), match[1]), match[2] or match[3] or ""

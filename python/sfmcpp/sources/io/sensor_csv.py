@@ -32,6 +32,7 @@ from sfmcpp.model.sensor_stream import ImplausibleSample
 from sfmcpp.sources.io.csv_text import (
     cells_of,
     finite_number,
+    match_of_header,
     numbered_lines,
     separator_of,
     with_decimal_points,
@@ -154,7 +155,7 @@ def _require_different(asked: list[_Asked]) -> None:
 
 def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool:
     """Give the column of the file our name, others of that name none; False if a number is asked for."""
-    names = [found[1] if (found := HEADER.fullmatch(text)) else text for text in headers]
+    names = [found[1] if (found := match_of_header(HEADER, text)) else text for text in headers]
     place = next((texts.index(str(asked.own)) for texts in (headers, names) if str(asked.own) in texts), None)
     if place is None and math.isnan(asked.number):
         reason = (

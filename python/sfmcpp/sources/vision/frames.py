@@ -15,6 +15,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.photos import natural_order
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.vision.images import (
     GreyImage,
     is_picture,
@@ -102,20 +103,16 @@ def open_frames(path: str | PathLike[str]) -> Frames:
         cv2 = load_cv2()
     except ModuleNotFoundError as error:
         raise DatasetError(source, str(error)) from None
-    if not source.exists():
-        raise DatasetError(source, "no such file or directory")
-    return _Folder(source, cv2) if source.is_dir() else _Video(source, cv2)
+    with failures_named(source):
+        if not source.exists():
+            raise DatasetError(source, "no such file or directory")
+        return _Folder(source, cv2) if source.is_dir() else _Video(source, cv2)
 
 
 class _Folder(Frames):
     def __init__(self, path: Path, cv2: ModuleType) -> None:
         self.path, self._cv2 = path, cv2
-        try:
-            self._files = sorted(
-                (f for f in path.iterdir() if is_picture(f)), key=lambda f: natural_order(f.name)
-            )
-        except OSError as error:
-            raise unreadable(path, error) from error
+        self._files = sorted(filter(is_picture, path.iterdir()), key=lambda f: natural_order(f.name))
         if not self._files:
             raise DatasetError(path, f"holds no image: {where_images_are(path)}")
         self.names = [file.name for file in self._files]

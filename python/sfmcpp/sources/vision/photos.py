@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
@@ -21,6 +21,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.photos import Photo, natural_order
 from sfmcpp.sources.io.checks import fault_of_image_name
+from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
@@ -52,7 +53,7 @@ class PhotoFolder:
     photos : list of Photo
         Those whose files can be opened, by name, numbers in names by their value.
     unreadable : dict
-        Reason for each image file that cannot, by its name below the folder.
+        Reason for each image file, and each folder (``name/``), that cannot, by its name below the folder.
     copies : dict
         Name of the photo that each copy was of, by the name of the copy; see :func:`without_copies`.
     videos : list of str
@@ -72,7 +73,7 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
 
     No image is decoded: that a file is cut short shows when its pixels are read (:func:`read_gray`). Pixels
     are as they are stored, whatever orientation the file asks to be shown in. Files and folders whose name
-    starts with a dot are left alone.
+    starts with a dot are left alone. Links to folders are followed, each folder counts once.
 
     Parameters
     ----------
@@ -98,11 +99,13 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
     path, masks_path = Path(folder), None if masks is None else Path(masks)
     for place in (path, masks_path):
         _require_folder(place)
-    files = _images_and_videos(path, masks_path)
-    images = [one for one in files if is_picture(one[1])]
-    if not images:
-        raise DatasetError(path, f"holds no image: {where_images_are(path)}")
-    found = PhotoFolder(path, [], videos=[name for name, file in files if is_video(file)])
+    closed: dict[str, str] = {}
+    with failures_named(path):
+        files = _images_and_videos(path, masks_path, closed)
+        images = [one for one in files if is_picture(one[1])]
+        if not images and not closed:
+            raise DatasetError(path, f"holds no image: {where_images_are(path)}")
+    found = PhotoFolder(path, [], closed, videos=[name for name, file in files if is_video(file)])
     for name, file in images:
         try:
             photo = _opened_photo(name, file)
@@ -250,23 +253,44 @@ def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
 
 
 def _require_folder(path: Path | None) -> None:
-    if path is not None and not path.is_dir():
-        raise DatasetError(path, "is no folder" if path.exists() else "no such file or directory")
+    if path is None:
+        return
+    with failures_named(path):
+        if not path.is_dir():
+            raise DatasetError(path, "is no folder" if path.exists() else "no such file or directory")
 
 
-def _images_and_videos(folder: Path, masks: Path | None) -> list[tuple[str, Path]]:
-    """Name and path of each image and video below `folder`, except masks, in order."""
-    found = []
-    for place, folders, files in os.walk(folder):
+def _images_and_videos(folder: Path, masks: Path | None, closed: dict[str, str]) -> list[tuple[str, Path]]:
+    """Name and path of each image and video below `folder`, except masks, in order.
+
+    Folders that cannot be read go into `closed`, with the reason; if `folder` itself cannot, it raises that.
+    """
+
+    def note(error: OSError) -> None:
+        place = Path(os.fsdecode(error.filename))
+        if place == folder:
+            raise error
+        closed[f"{place.relative_to(folder).as_posix()}/"] = unreadable(place, error).reason
+
+    found, seen = [], {os.path.realpath(folder)}
+    if masks is not None:
+        seen.add(os.path.realpath(masks))
+    for place, folders, files in os.walk(folder, onerror=note, followlinks=True):
         here = Path(place)
-        folders[:] = [f for f in folders if not f.startswith(".") and not _is_same_folder(here / f, masks)]
+        folders[:] = _not_seen(here, sorted(f for f in folders if not f.startswith(".")), seen)
         found += [file for name in files if is_picture(file := here / name) or is_video(file)]
     named = [(file.relative_to(folder).as_posix(), file) for file in found]
     return sorted(named, key=lambda one: natural_order(one[0]))
 
 
-def _is_same_folder(folder: Path, other: Path | None) -> bool:
-    return other is not None and folder.samefile(other)
+def _not_seen(place: Path, folders: Sequence[str], seen: set[str]) -> list[str]:
+    """The folders in a place that are none of the `seen`, by whatever name: links may lead in circles."""
+    found = []
+    for name in folders:
+        if (real := os.path.realpath(place / name)) not in seen:
+            seen.add(real)
+            found.append(name)
+    return found
 
 
 def _opened_photo(name: str, file: Path) -> Photo:

@@ -12,7 +12,6 @@ motion", 3DV 2013).
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from os import cpu_count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -253,7 +252,7 @@ def _common_matches(features: Sequence[Features], pairs: list[IndexPair], thread
     def count(pair: IndexPair) -> int:
         return len(match(largest[pair[0]], largest[pair[1]], threads=1))
 
-    return list(on_threads(count, pairs, threads or cpu_count() or 1))
+    return list(on_threads(count, pairs, threads or _core.usable_cores()))
 
 
 def _pair(image: int, other: int) -> IndexPair:

@@ -166,7 +166,7 @@ def images_of_model_path(path: Path) -> list[str] | None:
     with failures_named(report):
         try:
             images = json.loads(report.read_bytes()).get("images")
-        except (ValueError, AttributeError):
+        except (ValueError, AttributeError, RecursionError):
             return None
     return list(images) if isinstance(images, dict) and images else None
 

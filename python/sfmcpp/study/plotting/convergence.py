@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sfmcpp.ba import Iteration, Summary
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
-from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
+from sfmcpp.study.plotting.style import COLORS, MUTED, as_label, new_figure, style_axes
 
 Run = Summary | Sequence[Iteration]
 
@@ -129,7 +129,7 @@ def _curve(
 ) -> _Curve:
     iterations = _iterations(run)
     return _Curve(
-        name,
+        as_label(name),
         COLORS[position % len(COLORS)],
         _DASHES[position // len(COLORS) % len(_DASHES)],
         cost,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -50,6 +51,11 @@ def style_axes(axes: Axes) -> None:
     axes.tick_params(which="both", color=MUTED, labelsize=9)
 
 
+def as_label(name: str) -> str:
+    """A name, of a file say, for a title or legend: dollars make no formula of it, and it is text."""
+    return name.encode("utf-8", "replace").decode("utf-8").replace("$", r"\$")
+
+
 @checked()
 def figure_format(path: str | PathLike[str]) -> str:
     """Tell the format of a figure file from its suffix.
@@ -95,5 +101,11 @@ def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
         If the file cannot be written.
     """
     name = figure_format(path)
-    with atomic_files(Path(path)) as (stream,), matplotlib.rc_context({"svg.hashsalt": "sfmcpp"}):
+    with (
+        atomic_files(Path(path)) as (stream,),
+        matplotlib.rc_context({"svg.hashsalt": "sfmcpp"}),
+        warnings.catch_warnings(),
+    ):
+        # Names may be in any script; what the font lacks is drawn as a box.
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
         figure.savefig(stream, format=name, metadata=_UNDATED[name])

@@ -12,7 +12,7 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam import KeyframeRecord
-from sfmcpp.study.plotting.style import COLORS, MUTED, new_figure, style_axes
+from sfmcpp.study.plotting.style import COLORS, MUTED, as_label, new_figure, style_axes
 from sfmcpp.weighting import WeightSelection
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 
@@ -263,9 +263,10 @@ def _draw_group_errors(axes: Axes, selection: WeightSelection, color: str) -> No
     at = (selection.weights == selection.weight)[drawn]
     axes.plot(errors[at], images[at], "o", color=color, markersize=7, clip_on=False)
     _finish_axes(axes, errors)
-    axes.set_xlabel(f"RMS error of {selection.name} [{selection.unit}]")
+    name = as_label(selection.name)
+    axes.set_xlabel(f"RMS error of {name} [{selection.unit}]")
     axes.set_ylabel("RMS error of the images [σ]")
-    axes.set_title(f"{selection.name}: ignored at the right end, obeyed at the left")
+    axes.set_title(f"{name}: ignored at the right end, obeyed at the left")
 
 
 def _draw_group_scores(axes: Axes, selection: WeightSelection, color: str) -> None:

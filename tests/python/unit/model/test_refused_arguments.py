@@ -125,3 +125,8 @@ def test_a_list_in_place_of_names_of_intrinsics_is_told() -> None:
         with pytest.raises(InvalidArgument, match="must be names one by one, or none to fix all"):
             problem.set_free_intrinsics(names)  # type: ignore[arg-type]
     assert problem.set_free_intrinsics().fixed_intrinsics.all()
+
+
+def test_integers_beyond_all_numbers_are_named() -> None:
+    with pytest.raises(InvalidArgument, match="values: holds an integer beyond all numbers of float64"):
+        group(values=[[10**400, 0, 0]])

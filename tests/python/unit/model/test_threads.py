@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import threading
 
 import pytest
 
-from sfmcpp import InvalidArgument
+from sfmcpp import InvalidArgument, circle_scene, solve
 from sfmcpp.model.threads import on_threads, thread_count
 
 
@@ -46,3 +47,15 @@ def test_no_threads_at_all_are_refused() -> None:
     assert thread_count(None) >= 1
     with pytest.raises(InvalidArgument, match="threads = 0: must be at least 1"):
         thread_count(0)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux binds a process to cores")
+def test_there_are_no_more_threads_than_cores_that_the_process_is_bound_to() -> None:
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(before)})
+    try:
+        assert thread_count(None) == 1
+        problem = circle_scene(40, 1000, seed=0)  # enough for two threads
+        assert solve(problem, max_iterations=1).threads == 1
+    finally:
+        os.sched_setaffinity(0, before)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -157,6 +158,22 @@ def test_a_damaged_file_is_refused(tmp_path: Path, damage: Callable[[bytes], byt
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(DatasetError, match=reason):
         match_graph_of_database(path)
+
+
+def test_a_database_with_a_log_leaves_nothing_beside_it_and_needs_no_writable_folder(tmp_path: Path) -> None:
+    path = write_database(tmp_path / "database.db")
+    change(path, "PRAGMA journal_mode=WAL")
+    expected = read_database(path)
+    assert list(tmp_path.iterdir()) == [path]
+    with closing(sqlite3.connect(path)) as other:
+        other.execute(
+            "UPDATE images SET name = 'renamed.jpg' WHERE image_id = (SELECT MAX(image_id) FROM images)"
+        )
+        other.commit()  # into the log, which another program still writes
+        assert (tmp_path / "database.db-wal").stat().st_size
+        names = [photo.name for photo in read_database(path).photos]
+    assert "renamed.jpg" in names
+    assert len(names) == len(expected.photos)
 
 
 def test_what_is_not_used_is_said(tmp_path: Path) -> None:

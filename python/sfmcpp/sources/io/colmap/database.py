@@ -103,10 +103,21 @@ def read_database(path: str | PathLike[str]) -> ColmapDatabase:
     if not is_database(source):
         raise DatasetError(source, "is no database of SQLite")
     try:
-        with closing(sqlite3.connect(f"{source.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+        with closing(sqlite3.connect(_uri(source.resolve()), uri=True)) as connection:
             return _Reader(source, connection).database()
     except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:  # as its parts fail in many ways
         raise DatasetError(source, f"is a damaged database: {error}") from error
+
+
+def _uri(path: Path) -> str:
+    """How to open a file so that nothing is made beside it, and a folder that is read-only will do.
+
+    COLMAP's databases have a write-ahead log, for which every reader else needs a file to lock. Where a log
+    or a journal has something that the file lacks, that is needed, too.
+    """
+    beside = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
+    is_whole = not any(file.exists() and file.stat().st_size for file in beside)
+    return f"{path.as_uri()}?mode=ro{'&immutable=1' if is_whole else ''}"
 
 
 class _Reader:

@@ -244,6 +244,6 @@ def with_origin(problem: Problem, folder: Path) -> Problem:
     try:
         entries = json.loads(read_bytes(path))
         WorldOrigin.from_dict(entries if isinstance(entries, dict) else {}).put_into(problem.metadata)
-    except (ValueError, InvalidArgument) as error:
+    except (ValueError, InvalidArgument, RecursionError) as error:
         raise DatasetError(path, str(error)) from error
     return problem

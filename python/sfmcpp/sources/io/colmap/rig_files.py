@@ -121,9 +121,18 @@ class _Words:
         return self._words.pop()
 
     def number(self) -> int:
-        return int(self.kind())
+        return self._whole(2**32)
 
-    wide = flag = number
+    def wide(self) -> int:
+        return self._whole(2**64)
+
+    flag = number
+
+    def _whole(self, end: int) -> int:
+        word = self.kind()
+        if not 0 <= (value := int(word)) < end:
+            raise ValueError(f"{word} must be a whole number from 0 to {end - 1}")
+        return value
 
     def pose(self) -> Pose:
         return tuple(float(self.kind()) for _ in _IDENTITY)

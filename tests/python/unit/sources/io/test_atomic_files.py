@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import resource
+import stat
+import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -127,3 +131,64 @@ def test_content_is_on_the_disk_before_it_has_its_name(
     with atomic_files(tmp_path / "a"):
         pass
     assert done == ["sync", "name", "sync"]
+
+
+def test_one_who_replaces_several_files_waits_for_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for seed, name in ((1, "model"), (2, "other"), (3, "third")):
+        sfmcpp.write(model(seed), tmp_path / name)
+    replace, children = Path.replace, []
+
+    def replace_while_another_writes(self: Path, target: Path) -> Path:
+        if not children:
+            children.append(os.fork())
+            if children == [0]:
+                monkeypatch.setattr(Path, "replace", replace)
+                sfmcpp.write(model(3), tmp_path / "model")
+                os._exit(0)
+            time.sleep(0.5)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace_while_another_writes)
+    sfmcpp.write(model(2), tmp_path / "model")
+    assert content_of(tmp_path / "model") in (content_of(tmp_path / "other"), content_of(tmp_path / "third"))
+    assert os.waitpid(children[0], 0)[1] == 0
+    assert content_of(tmp_path / "model") == content_of(tmp_path / "third")
+
+
+def test_a_file_that_another_process_takes_for_left_over_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock, swept = fcntl.flock, []
+
+    def lock_after_another_has_swept(file: Any, how: int) -> None:
+        made = [path for path in tmp_path.iterdir() if path.name.startswith(".sfmcpp-new-")]
+        if made and len(swept) < 2:
+            swept.append(made[0])
+            made[0].unlink()
+        lock(file, how)
+
+    monkeypatch.setattr(fcntl, "flock", lock_after_another_has_swept)
+    with atomic_files(tmp_path / "a") as (file,):
+        file.write(b"whole")
+    assert len(swept) == 2
+    assert (tmp_path / "a").read_bytes() == b"whole"
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o664, 0o640])
+def test_a_file_that_is_replaced_hands_on_its_permissions(tmp_path: Path, mode: int) -> None:
+    (tmp_path / "a.npz").write_text("old")
+    (tmp_path / "a.npz").chmod(mode)
+    sfmcpp.write(model(1), tmp_path / "a.npz")
+    assert stat.S_IMODE((tmp_path / "a.npz").stat().st_mode) == mode
+
+
+def test_a_read_only_file_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.npz").write_text("precious")
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK)  # root may write all files
+    with pytest.raises(DatasetError, match=r"a\.npz: permission denied: the file that is there is read-only"):
+        sfmcpp.write(model(1), tmp_path / "a.npz")
+    assert (tmp_path / "a.npz").read_text() == "precious"
+    sfmcpp.write(model(1), tmp_path / "b.npz")

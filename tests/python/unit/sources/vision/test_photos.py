@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,39 @@ def test_photos_of_all_folders_come_by_name_with_numbers_by_value(tmp_path: Path
     assert [photo.name for photo in found.photos] == ["a.jpg", "b/9.JPG", "b/10.png"]
     assert {photo.size for photo in found.photos} == {(64, 48)}
     assert found.unreadable == {}
+
+
+def test_links_to_folders_are_followed_and_each_folder_counts_once(tmp_path: Path) -> None:
+    photos, elsewhere = tmp_path / "photos", tmp_path / "elsewhere"
+    for folder in (photos / "a", elsewhere):
+        folder.mkdir(parents=True)
+    write_photo(photos / "a" / "1.png", texture(48, 64))
+    write_photo(elsewhere / "2.png", texture(48, 64))
+    for link, place in (("linked", elsewhere), ("again", photos / "a"), ("a/round", photos)):
+        (photos / link).symlink_to(place)
+    assert [photo.name for photo in open_photos(photos).photos] == ["a/1.png", "linked/2.png"]
+
+
+def test_a_folder_that_cannot_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("a", "closed"):
+        (tmp_path / name).mkdir()
+        write_photo(tmp_path / name / "1.png", texture(48, 64))
+    scan = os.scandir
+
+    def refuse_closed(path: str) -> object:
+        if Path(path).name == "closed":
+            raise PermissionError(13, "Permission denied", path)
+        return scan(path)
+
+    monkeypatch.setattr(os, "scandir", refuse_closed)
+    found = open_photos(tmp_path)
+    assert [photo.name for photo in found.photos] == ["a/1.png"]
+    assert found.unreadable == {"closed/": "permission denied"}
+    (tmp_path / "a" / "1.png").unlink()
+    with pytest.raises(DatasetError, match="closed/: permission denied"):
+        open_photos(tmp_path)
+    with pytest.raises(DatasetError, match="closed: permission denied"):
+        open_photos(tmp_path / "closed")
 
 
 def test_equal_content_has_an_equal_digest_and_a_mask_changes_it(tmp_path: Path) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ from matplotlib.figure import Figure
 
 from sfmcpp import InvalidArgument, Iteration, Summary, solve
 from sfmcpp.sources.synthetic import circle_scene, perturb
-from sfmcpp.study.plotting import plot_convergence
+from sfmcpp.study.plotting import plot_convergence, save_figure
 
 
 def history(costs: list[float], accepted: list[bool]) -> list[Iteration]:
@@ -168,3 +171,13 @@ def test_times_of_many_digits_have_few_ticks() -> None:
     axes = plot_convergence(run).axes[1]
     left, right = axes.get_xlim()
     assert 3 <= sum(left <= at <= right for at in axes.get_xticks()) <= 6
+
+
+@pytest.mark.parametrize("name", ["$^{$.txt", "a$x$b.txt", os.fsdecode(b"bad\xff.txt"), "写真.txt"])
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_names_of_files_are_drawn_whatever_is_in_them(tmp_path: Path, name: str, suffix: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for runs in ({name: RUN}, {name: RUN, "other": RUN}):
+            save_figure(plot_convergence(runs), tmp_path / f"plot{suffix}")
+    assert (tmp_path / f"plot{suffix}").stat().st_size > 0

@@ -15,9 +15,10 @@ def test_each_group_has_its_curves_and_its_choice() -> None:
     measured = problem.centres + np.random.default_rng(0).normal(0, 0.05, problem.centres.shape)
     selections = []
     for method in ("loo-approx", "l-curve", "variance"):
-        group = sfmcpp.ConstraintGroup("position", cameras, measured, name=method)
+        group = sfmcpp.ConstraintGroup("position", cameras, measured, name=f"{method} $^{{$")
         selections += sfmcpp.solve(problem.copy(), constraints=[group], weight=method).group_weights
     figure = plot_group_weights(selections)
+    figure.canvas.draw()
     assert len(figure.axes) == 6
     for selection, errors, scores in zip(selections, figure.axes[::2], figure.axes[1::2], strict=True):
         curve, choice = errors.get_lines()
