@@ -20,6 +20,7 @@ from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import Progress, no_progress
+from sfmcpp.sfm.adjustment import fix_what_few_images_held
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.camera_choice import held_camera_warnings
@@ -193,7 +194,8 @@ def reconstruct(
     run.warnings += unused_positions(gps, scene.graph.photos)
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
-        grown = _reconstructed_models(scene, run, METHODS[method])
+        count = len(scene.graph.photos)
+        grown = METHODS[method](scene, limits, lambda done: progress("mapping", done, count))
     refined = Refinement()
     if subpixel:
         with run.timed("refining"):
@@ -203,6 +205,8 @@ def reconstruct(
     found.warnings += refined.warnings
     found.interrupted |= refined.interrupted
     _place_and_settle(found, scene, run, needed=gps != "auto")
+    for world in found.models:
+        fix_what_few_images_held(world, limits)
     return found
 
 
@@ -320,10 +324,6 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
         if found is not None:
             intrinsics[camera, 0] = found
     return replace(cameras, intrinsics=intrinsics)
-
-
-def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModels:
-    return method(scene, run.settings, lambda done: run.progress("mapping", done, len(scene.graph.photos)))
 
 
 def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -> None:
