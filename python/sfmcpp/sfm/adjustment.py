@@ -69,12 +69,12 @@ def hold_of_few_images(problem: Problem, settings: IncrementalSettings) -> BoolA
     """
     images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
     few = np.asarray(images < settings.intrinsics_images)
-    distortion = problem.fixed_intrinsics[:, _K1].copy()
+    known = problem.fixed_intrinsics[:, _K1].copy()
     enough = images.sum() >= settings.intrinsics_images
     problem.fixed_intrinsics[few, 1 if enough else 0 :] = True
-    if images.sum() >= 2 * settings.intrinsics_images:
+    if enough:
         tied = few & (_shared_observations(problem) >= _TIED)
-        problem.fixed_intrinsics[tied, _K1] = distortion[tied]
+        problem.fixed_intrinsics[tied, _K1] = known[tied]
     return few
 
 
