@@ -88,7 +88,7 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
     Parameters
     ----------
     folder : PhotoFolder
-        Photos, copies of them, and videos.
+        Photos, copies of them, videos, and photos of kinds that are not read.
 
     Returns
     -------
@@ -99,6 +99,11 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
         videos = "1 video is" if len(folder.videos) == 1 else f"{len(folder.videos)} videos are"
         names = ", ".join(folder.videos[:_MOST_NAMED])
         warnings.append(f"{videos} not read: {names}; {photos_of_video(folder.videos[0])}")
+    if folder.foreign:
+        count = len(folder.foreign)
+        photos = "1 photo is of a kind" if count == 1 else f"{count} photos are of kinds"
+        few = ", ".join(folder.foreign[:_MOST_NAMED]) + (", …" if count > _MOST_NAMED else "")
+        warnings.append(f"{photos} not read here, and left out: {few}; convert to JPEG")
     return warnings
 
 

@@ -20,7 +20,12 @@ from sfmcpp.sources.io.files import MAX_IMAGE, largest_image
 
 GreyImage = NDArray[np.uint8]
 
-PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
+PICTURES = (".png", ".jpg", ".jpeg", ".jfif", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
+# Photos, too, but of kinds that are not read: those of phones, raw ones, and rare ones.
+FOREIGN_PICTURES = (
+    (".heic", ".heif", ".avif", ".jxl", ".jp2", ".gif")
+    + (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".raf", ".rw2")
+)
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 _MOST_HINTS = 3
 # Pillow's limit and Python's filter of warnings are those of the process.
@@ -97,6 +102,11 @@ def is_picture(file: Path) -> bool:
     return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
 
 
+def is_foreign_picture(file: Path) -> bool:
+    """Whether a file's name says that it is an image of a kind that is not read."""
+    return file.suffix.lower() in FOREIGN_PICTURES and not file.name.startswith(".") and file.is_file()
+
+
 def is_video(file: Path) -> bool:
     """Whether a file's name says that it is a video."""
     return file.suffix.lower() in VIDEOS and not file.name.startswith(".") and file.is_file()
@@ -114,6 +124,8 @@ def where_images_are(folder: Path) -> str:
         return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
     if videos := sorted(file for file in folder.iterdir() if is_video(file)):
         return f"but videos, as {videos[0].name}; {photos_of_video(videos[0].name)}"
+    if foreign := sorted(file for file in folder.iterdir() if is_foreign_picture(file)):
+        return f"but photos of kinds that are not read, as {foreign[0].name}: convert them to JPEG"
     return f"must have files named {', '.join(PICTURES)}"
 
 

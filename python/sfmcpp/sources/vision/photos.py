@@ -24,6 +24,7 @@ from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
+    is_foreign_picture,
     is_picture,
     is_video,
     load_cv2,
@@ -35,6 +36,7 @@ from sfmcpp.sources.vision.images import (
 
 ColorImage = NDArray[np.uint8]
 
+_KINDS = (is_picture, is_foreign_picture, is_video)
 _DIGEST_BYTES = 20
 _THUMBNAIL_QUALITY = 80
 # Pillow's modes of 16 bits a pixel; 32-bit "I" is what its older versions make of 16-bit PNG.
@@ -57,6 +59,9 @@ class PhotoFolder:
         Name of the photo that each copy was of, by the name of the copy; see :func:`without_copies`.
     videos : list of str
         Names of the videos beside them.
+    foreign : list of str
+        Names of the photos of kinds that are not read, as HEIC and raw ones, except those beside one of the
+        same name that is.
     """
 
     path: Path
@@ -64,6 +69,7 @@ class PhotoFolder:
     unreadable: dict[str, str] = field(default_factory=dict)
     copies: dict[str, str] = field(default_factory=dict)
     videos: list[str] = field(default_factory=list)
+    foreign: list[str] = field(default_factory=list)
 
 
 @checked()
@@ -99,10 +105,16 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
     for place in (path, masks_path):
         _require_folder(place)
     files = _images_and_videos(path, masks_path)
+    taken = {file.with_suffix("") for _, file in files if is_picture(file)}
     images = [one for one in files if is_picture(one[1])]
     if not images:
         raise DatasetError(path, f"holds no image: {where_images_are(path)}")
-    found = PhotoFolder(path, [], videos=[name for name, file in files if is_video(file)])
+    found = PhotoFolder(
+        path,
+        [],
+        videos=[name for name, file in files if is_video(file)],
+        foreign=[n for n, file in files if is_foreign_picture(file) and file.with_suffix("") not in taken],
+    )
     for name, file in images:
         try:
             photo = _opened_photo(name, file)
@@ -255,12 +267,12 @@ def _require_folder(path: Path | None) -> None:
 
 
 def _images_and_videos(folder: Path, masks: Path | None) -> list[tuple[str, Path]]:
-    """Name and path of each image and video below `folder`, except masks, in order."""
+    """Name and path of each image, read or not, and video below `folder`, except masks, in order."""
     found = []
     for place, folders, files in os.walk(folder):
         here = Path(place)
         folders[:] = [f for f in folders if not f.startswith(".") and not _is_same_folder(here / f, masks)]
-        found += [file for name in files if is_picture(file := here / name) or is_video(file)]
+        found += [file for name in files if any(kind(file := here / name) for kind in _KINDS)]
     named = [(file.relative_to(folder).as_posix(), file) for file in found]
     return sorted(named, key=lambda one: natural_order(one[0]))
 
