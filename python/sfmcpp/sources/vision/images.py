@@ -21,10 +21,9 @@ from sfmcpp.sources.io.files import MAX_IMAGE, largest_image
 GreyImage = NDArray[np.uint8]
 
 PICTURES = (".png", ".jpg", ".jpeg", ".jfif", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
-# Photos, too, but of kinds that are not read: those of phones, raw ones, and rare ones.
-FOREIGN_PICTURES = frozenset(
-    ".heic .heif .avif .jxl .jp2 .gif .dng .cr2 .cr3 .nef .arw .orf .raf .rw2".split()
-)
+# Photos, too, but of kinds that are not read.
+RAW_PICTURES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".raf", ".rw2")
+FOREIGN_PICTURES = (*RAW_PICTURES, ".heic", ".heif", ".avif", ".jxl", ".jp2", ".gif")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 _MOST_HINTS = 3
 # Pillow's limit and Python's filter of warnings are those of the process.
