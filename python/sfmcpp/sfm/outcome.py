@@ -20,6 +20,8 @@ from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sources.vision.images import photos_of_video
 from sfmcpp.sources.vision.photos import PhotoFolder
 
+# How the warning begins that says why there is no model.
+NO_MODEL = "no model: "
 _FEW_FEATURES = 50
 _MOST_NAMED = 3
 
@@ -186,9 +188,11 @@ def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
 def _why_no_model(graph: MatchGraph) -> str:
     kinds = [pair.geometry.kind for pair in graph.pairs]
     if len(graph.photos) < 2:
-        return f"no model: {len(graph.photos)} usable image, two are needed"
+        return f"{NO_MODEL}{len(graph.photos)} usable image, two are needed"
     if "general" in kinds or "planar" in kinds:
-        return "no model: no two images see enough common points from sufficiently different positions"
+        return f"{NO_MODEL}no two images see enough common points from sufficiently different positions"
     if "rotation" in kinds:
-        return "no model: the camera only turned, or the photos are identical; move the camera between photos"
-    return f"no model: no two of the {len(graph.photos)} images match"
+        return (
+            f"{NO_MODEL}the camera only turned, or the photos are identical; move the camera between photos"
+        )
+    return f"{NO_MODEL}no two of the {len(graph.photos)} images match"

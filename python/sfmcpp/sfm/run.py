@@ -53,7 +53,9 @@ from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.turned_cameras import with_turned_cameras
 from sfmcpp.sources.io.colmap.database import is_database
+from sfmcpp.sources.vision.images import require_no_single_picture
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
@@ -221,7 +223,9 @@ def _scene_of(
         raise InvalidArgument(_NO_MASKS)
     if isinstance(source, MatchGraph):
         run.warnings += source.warnings
-        return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source), run))
+        cameras = run.cameras_of_graph(source)
+        source = with_turned_cameras(source, cameras)
+        return Scene.of(source, _with_guessed_focals(source, cameras, run))
     if isinstance(source, ImageTracks):
         return _scene_of_tracks(from_corner(source), run, front.threads)
     path = Path(source)
@@ -231,7 +235,7 @@ def _scene_of(
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
         raise InvalidArgument(_NO_MASKS)
-    _require_no_single_picture(path)
+    require_no_single_picture(path)
     if is_database(path):
         with run.timed("matching"):
             graph = match_graph_of_database(
@@ -243,15 +247,6 @@ def _scene_of(
     with run.timed("reading"):
         source = read_image_tracks(path)
     return _scene_of_tracks(from_corner(source), run, front.threads)
-
-
-def _require_no_single_picture(path: Path) -> None:
-    from sfmcpp.sources.vision.images import is_picture, is_video, photos_of_video
-
-    if is_picture(path):
-        raise DatasetError(path, "is one image: give the folder that holds it and others of the scene")
-    if is_video(path):
-        raise DatasetError(path, f"is a video: {photos_of_video(path.name)}")
 
 
 def _has_images(folder: Path) -> bool:
@@ -284,6 +279,7 @@ def _scene_of_photos(
     if len(kept) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
     with run.timed("mapping"):
+        graph = with_turned_cameras(graph, cameras)
         return Scene.of(graph, _with_guessed_focals(graph, cameras, run))
 
 

@@ -115,6 +115,14 @@ def photos_of_video(name: str) -> str:
     return f"`ffmpeg -i {name} -vf fps=2 %05d.jpg` makes photos of it, and `sfmcpp slam` follows its camera"
 
 
+def require_no_single_picture(file: Path) -> None:
+    """Raise a DatasetError if a file is an image or a video, where a folder of photos is wanted."""
+    if is_picture(file):
+        raise DatasetError(file, "is one image: give the folder that holds it and others of the scene")
+    if is_video(file):
+        raise DatasetError(file, f"is a video: {photos_of_video(file.name)}")
+
+
 def where_images_are(folder: Path) -> str:
     """Hint for a folder without images: they might be in a folder of it."""
     inside = sorted(place for place in folder.iterdir() if place.is_dir() and _has_picture(place))
