@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from sfmcpp.geometry import two_view_geometry
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, inverse_calibration, to_normalised, unit
@@ -96,6 +95,8 @@ def _median_error_px(homography: FloatArray, first: FloatArray, second: FloatArr
 
 def _focal_of_rotations(pairs: Sequence[_Matches], row: FloatArray) -> float | None:
     """Focal length with which rotations explain nearly all pairs as well as homographies do [px]."""
+    from scipy.optimize import minimize_scalar
+
     side = 2 * row[2:4].max()
 
     def worse(focal: float) -> FloatArray:
