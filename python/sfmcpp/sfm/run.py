@@ -55,7 +55,7 @@ from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.turned_cameras import with_turned_cameras
 from sfmcpp.sources.io.colmap.database import is_database
-from sfmcpp.sources.vision.images import require_no_single_picture
+from sfmcpp.sources.vision.images import is_picture, require_no_single_picture
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
@@ -250,10 +250,14 @@ def _scene_of(
 
 
 def _has_images(folder: Path) -> bool:
-    """Whether a folder is one of images: it is, unless it holds a model or tracks."""
-    return not any(folder.glob("[!.]*.bin")) and not any(
-        (folder / name).exists() for name in ("cameras.txt", "Image1.mat")
-    )
+    """Whether a folder is one of images: it is, unless it holds a model or tracks.
+
+    Files of a model that is not complete may be others, as the PPKRAW.bin of DJI's drones, where photos are.
+    """
+    if any((folder / name).exists() for name in ("images.bin", "images.txt", "Image1.mat")):
+        return False
+    in_part = any(folder.glob("[!.]*.bin")) or (folder / "cameras.txt").exists()
+    return not in_part or any(map(is_picture, folder.iterdir()))
 
 
 def _scene_of_photos(

@@ -41,3 +41,14 @@ def test_one_image_or_a_video_in_place_of_a_folder_is_told_what_to_give(tmp_path
         reconstruct(tmp_path / "a.jpg")
     with pytest.raises(DatasetError, match=r"is a video: `ffmpeg -i clip\.mov "):
         reconstruct(tmp_path / "clip.mov")
+
+
+@pytest.mark.parametrize("name", ["100_0001_PPKRAW.bin", "cameras.txt"])
+def test_files_that_a_model_might_have_do_not_hide_photos(tmp_path: Path, name: str) -> None:
+    for photo in ("a.png", "b.png"):
+        write_photo(tmp_path / photo, texture(48, 64))
+    (tmp_path / name).write_bytes(b"no matter")
+    assert reconstruct(tmp_path, subpixel=False).images.keys() == {"a.png", "b.png"}
+    (tmp_path / "images.bin").write_bytes(b"no matter")
+    with pytest.raises(DatasetError, match="without a COLMAP model"):
+        reconstruct(tmp_path)
