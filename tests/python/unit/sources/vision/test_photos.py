@@ -124,7 +124,7 @@ def test_photos_of_one_camera_at_one_focal_length_and_size_have_one_key(tmp_path
     keys = [photo.camera for photo in open_photos(tmp_path).photos]
     assert keys[0] == keys[1] == "Maker | M 1 | 50mm | 6 mm | 64×48"
     assert len(set(keys[:4])) == 3
-    assert keys[4:] == ["", ""]
+    assert keys[4:] == ["", "6 mm | 64×48"]
 
 
 def gps(latitude: Any, longitude: Any, north: str = "N", east: str = "E", **rest: Any) -> dict[int, Any]:
