@@ -14,6 +14,7 @@ from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.targets import Targets, require_results_folder, writable_folder
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import reconstruct
+from sfmcpp.sfm.outcome import NO_MODEL
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study import SfmReport
 from sfmcpp.study.pages.sfm_page import VIEW
@@ -88,6 +89,9 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
         if run.interrupted:
             print_note(f"interrupted before a model was found: {more}; continue with --resume")
             return ExitCode.INTERRUPTED
+        for warning in run.warnings:
+            if not (quiet or warning.startswith(NO_MODEL)):  # that is in the verdict
+                print_note(f"warning: {warning}")
         return print_error(f"{source}: {report.verdict()}; {more}")
     if targets.positions is not None:
         write_camera_positions(targets.positions, run.problem(), run.gps)

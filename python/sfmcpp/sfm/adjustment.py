@@ -9,13 +9,17 @@ from numpy.typing import NDArray
 
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import BoolArray
+from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.sfm.cameras import PERSPECTIVE
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
 
 # Intermediate adjustments need no more digits than the next image changes.
 ROUGH: dict[str, Any] = {"max_iterations": 12, "function_tolerance": 1e-3}
 FINE: dict[str, Any] = {"max_iterations": 50, "function_tolerance": 1e-7}
+# Observations of points that are known without a camera, from which its few images tell how its lens bends.
+_TIED = 100
+_K1 = PERSPECTIVE.index("k1")
 
 
 def adjust_around(world: Map, image: int, settings: IncrementalSettings) -> LocalProblem:
@@ -60,12 +64,33 @@ def adjusted(
 def hold_of_few_images(problem: Problem, settings: IncrementalSettings) -> BoolArray:
     """Fix the intrinsics of cameras with too few images but for the focal length; which (G,) they are.
 
-    Among too few other images, that too.
+    Among too few other images, that too. Where other images hold most of what a camera sees, its first radial
+    coefficient stays free as well: held at zero, that of a real lens would bend the whole model.
     """
     images = np.bincount(problem.intrinsics_index, minlength=len(problem.intrinsics))
     few = np.asarray(images < settings.intrinsics_images)
-    problem.fixed_intrinsics[few, 1 if images.sum() >= settings.intrinsics_images else 0 :] = True
+    known = problem.fixed_intrinsics[:, _K1].copy()
+    enough = images.sum() >= settings.intrinsics_images
+    problem.fixed_intrinsics[few, 1 if enough else 0 :] = True
+    if enough:
+        tied = few & (_shared_observations(problem) >= _TIED)
+        problem.fixed_intrinsics[tied, _K1] = known[tied]
     return few
+
+
+def fix_what_few_images_held(world: Map, settings: IncrementalSettings) -> None:
+    """Mark the intrinsics that no adjustment has changed as fixed, once there are no more adjustments."""
+    local = world.whole_problem(2)
+    hold_of_few_images(local.problem, settings)
+    world.fixed_intrinsics[local.cameras] = local.problem.fixed_intrinsics
+
+
+def _shared_observations(problem: Problem) -> IndexArray:
+    """Numbers (G,) of observations of each camera's images of points that two other images see, too."""
+    views = np.bincount(problem.point_index, minlength=problem.num_points)
+    shared = views[problem.point_index] > 2
+    cameras = problem.intrinsics_index[problem.camera_index[shared]]
+    return np.bincount(cameras, minlength=len(problem.intrinsics)).astype(np.int32)
 
 
 def _neighbours(world: Map, image: int, count: int) -> NDArray[np.intp]:

@@ -89,8 +89,8 @@ def shared_by(photos: Sequence[Photo], sharing: str) -> IndexArray:
         The images.
     sharing : str
         ``"each"``: none do. ``"one"``: all do. ``"folder"``: those of one folder. ``"auto"``: those of one
-        size whose files name the same camera and focal length, or name none. Never do photos of different
-        sizes.
+        size whose files tell the same camera and focal length, or tell no focal length. Never do photos of
+        different sizes.
 
     Returns
     -------

@@ -174,7 +174,7 @@ class Growth:
         Where the camera model is to be chosen, that is done then, and all of it once more.
         """
         self._adjust_until_stable()
-        if self._scene.cameras.model_is_open:
+        if self._scene.cameras.model_is_open and self.world.registered.any():
             open_ones = hold_undetermined_focals(self.world, self._scene.cameras, self._settings)
             if len(open_ones):
                 self._adjust_until_stable()
@@ -286,6 +286,8 @@ class Growth:
         world, structure, changed = self.world, self.structure, 0
         close_loops(structure, self._settings)
         for _ in range(rounds):
+            if not world.registered.any():  # all have lost their points
+                break
             local = adjust_all(
                 world, self._settings, keep_intrinsics=keep_intrinsics, **(FINE if fine else ROUGH)
             )

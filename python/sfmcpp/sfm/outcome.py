@@ -20,6 +20,8 @@ from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sources.vision.images import photos_of_video
 from sfmcpp.sources.vision.photos import PhotoFolder
 
+# How the warning begins that says why there is no model.
+NO_MODEL = "no model: "
 _FEW_FEATURES = 50
 _MOST_NAMED = 3
 
@@ -88,7 +90,7 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
     Parameters
     ----------
     folder : PhotoFolder
-        Photos, copies of them, and videos.
+        Photos, copies of them, videos, and photos of kinds that are not read.
 
     Returns
     -------
@@ -99,6 +101,11 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
         videos = "1 video is" if len(folder.videos) == 1 else f"{len(folder.videos)} videos are"
         names = ", ".join(folder.videos[:_MOST_NAMED])
         warnings.append(f"{videos} not read: {names}; {photos_of_video(folder.videos[0])}")
+    if folder.foreign:
+        count = len(folder.foreign)
+        photos = "1 photo is of a kind" if count == 1 else f"{count} photos are of kinds"
+        few = ", ".join(folder.foreign[:_MOST_NAMED]) + (", …" if count > _MOST_NAMED else "")
+        warnings.append(f"{photos} not read here, and left out: {few}; convert to JPEG")
     return warnings
 
 
@@ -185,9 +192,11 @@ def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
 def _why_no_model(graph: MatchGraph) -> str:
     kinds = [pair.geometry.kind for pair in graph.pairs]
     if len(graph.photos) < 2:
-        return f"no model: {len(graph.photos)} usable image, two are needed"
+        return f"{NO_MODEL}{len(graph.photos)} usable image, two are needed"
     if "general" in kinds or "planar" in kinds:
-        return "no model: no two images see enough common points from sufficiently different positions"
+        return f"{NO_MODEL}no two images see enough common points from sufficiently different positions"
     if "rotation" in kinds:
-        return "no model: the camera only turned, or the photos are identical; move the camera between photos"
-    return f"no model: no two of the {len(graph.photos)} images match"
+        return (
+            f"{NO_MODEL}the camera only turned, or the photos are identical; move the camera between photos"
+        )
+    return f"{NO_MODEL}no two of the {len(graph.photos)} images match"

@@ -20,6 +20,7 @@ from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import Progress, no_progress
+from sfmcpp.sfm.adjustment import fix_what_few_images_held
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
 from sfmcpp.sfm.camera_choice import held_camera_warnings
@@ -52,8 +53,10 @@ from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.turned_cameras import with_turned_cameras
 from sfmcpp.sources.io.colmap.database import is_database
 from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.vision.images import is_picture, require_no_single_picture
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
@@ -194,7 +197,8 @@ def reconstruct(
     run.warnings += unused_positions(gps, scene.graph.photos)
     scene = replace(scene, positions=positions)
     with run.timed("mapping"):
-        grown = _reconstructed_models(scene, run, METHODS[method])
+        count = len(scene.graph.photos)
+        grown = METHODS[method](scene, limits, lambda done: progress("mapping", done, count))
     refined = Refinement()
     if subpixel:
         with run.timed("refining"):
@@ -204,6 +208,8 @@ def reconstruct(
     found.warnings += refined.warnings
     found.interrupted |= refined.interrupted
     _place_and_settle(found, scene, run, needed=gps != "auto")
+    for world in found.models:
+        fix_what_few_images_held(world, limits)
     return found
 
 
@@ -218,7 +224,8 @@ def _scene_of(
         raise InvalidArgument(_NO_MASKS)
     if isinstance(source, MatchGraph):
         run.warnings += source.warnings
-        return Scene.of(source, _with_guessed_focals(source, run.cameras_of_graph(source), run))
+        graph = with_turned_cameras(source, cameras := run.cameras_of_graph(source))
+        return Scene.of(graph, _with_guessed_focals(graph, cameras, run))
     if isinstance(source, ImageTracks):
         return _scene_of_tracks(from_corner(source), run, front.threads)
     path = Path(source)
@@ -226,7 +233,7 @@ def _scene_of(
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
         raise InvalidArgument(_NO_MASKS)
-    _require_no_single_picture(path)
+    require_no_single_picture(path)
     if is_database(path):
         with run.timed("matching"):
             seed, threads = run.settings.seed, front.threads
@@ -239,22 +246,18 @@ def _scene_of(
     return _scene_of_tracks(from_corner(source), run, front.threads)
 
 
-def _require_no_single_picture(path: Path) -> None:
-    from sfmcpp.sources.vision.images import is_picture, is_video, photos_of_video
-
-    if is_picture(path):
-        raise DatasetError(path, "is one image: give the folder that holds it and others of the scene")
-    if is_video(path):
-        raise DatasetError(path, f"is a video: {photos_of_video(path.name)}")
-
-
 def _has_images(path: Path) -> bool:
-    """Whether a path is a folder of images: it is, unless it holds a model or tracks."""
+    """Whether a path is a folder of images: it is, unless it holds a model or tracks.
+
+    Parts of a model beside photos may be something else, as the PPKRAW.bin of DJI's drones.
+    """
     with failures_named(path):
         if not path.exists():
             raise DatasetError(path, "no such file or directory")
-        others = (*path.glob("[!.]*.bin"), path / "cameras.txt", path / "Image1.mat")
-        return path.is_dir() and not any(other.exists() for other in others)
+        if not path.is_dir() or any((path / n).exists() for n in ("images.bin", "images.txt", "Image1.mat")):
+            return False
+        in_part = any(path.glob("[!.]*.bin")) or (path / "cameras.txt").exists()
+        return not in_part or any(map(is_picture, path.iterdir()))
 
 
 def _scene_of_photos(
@@ -280,6 +283,7 @@ def _scene_of_photos(
     if len(kept) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
     with run.timed("mapping"):
+        graph = with_turned_cameras(graph, cameras)
         return Scene.of(graph, _with_guessed_focals(graph, cameras, run))
 
 
@@ -320,10 +324,6 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
         if found is not None:
             intrinsics[camera, 0] = found
     return replace(cameras, intrinsics=intrinsics)
-
-
-def _reconstructed_models(scene: Scene, run: _Run, method: Method) -> GrownModels:
-    return method(scene, run.settings, lambda done: run.progress("mapping", done, len(scene.graph.photos)))
 
 
 def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfmcpp.sfm.outcome import NO_MODEL
 from sfmcpp.study.report_files import peak_memory_bytes, plain
 from sfmcpp.study.report_table import NAMES_LISTED, ReportTable, gps_rows, grouped_by_reason, listed_names
 from sfmcpp.study.sfm_measures import ModelMeasures
@@ -78,13 +79,14 @@ class SfmReport(ReportTable):
         """Sentence on how many images are in the model, and why others are not."""
         run = self.run
         if run.model is None:
-            text = f"no model: none of {len(run.images):,} images could be registered"
+            text = f"{NO_MODEL}none of {len(run.images):,} images could be registered"
         else:
             text = f"{run.num_registered:,} of {len(run.images):,} images are in the model"
         reasons = [f"{listed_names(names)}: {reason}" for reason, names in self.left_out().items()]
         if len(reasons) > _REASONS_LISTED:
             reasons[_REASONS_LISTED:] = [f"and {len(reasons) - _REASONS_LISTED:,} more reasons"]
-        return f"{text} ({'; '.join(reasons)})" if reasons else text
+        text = f"{text} ({'; '.join(reasons)})" if reasons else text
+        return "; ".join([text, *(w.removeprefix(NO_MODEL) for w in run.warnings if w.startswith(NO_MODEL))])
 
     def to_dict(self) -> dict[str, Any]:
         """All of it as plain values; what is not finite is None.

@@ -227,6 +227,20 @@ def test_without_a_model_it_is_bad_input_and_the_reasons_are_told(
     ]
 
 
+def test_without_a_model_its_warnings_are_told_too(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = run_without_model()
+    run.warnings = ["2 photos are of kinds not read here", "no model: the camera only turned"]
+    ending(monkeypatch, run)
+    assert main(["reconstruct", "photos", "-o", "out"]) == 2
+    warning, error = capsys.readouterr().err.splitlines()
+    assert warning == "sfmcpp: warning: 2 photos are of kinds not read here"
+    assert error.endswith("; the camera only turned; see out/report.html")
+    assert main(["reconstruct", "photos", "-o", "out", "--quiet"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
 def test_a_run_without_a_model_leaves_that_of_an_earlier_one_with_its_report(
     photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

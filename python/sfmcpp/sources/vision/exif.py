@@ -106,14 +106,13 @@ def _focal_from_plane(exif: Tags, size: tuple[int, int]) -> float | None:
 
 
 def _camera(main: Tags, exif: Tags, size: tuple[int, int]) -> str:
-    """Empty unless the file tells both the model and the focal length."""
-    model = _text(main.get(_MODEL))
+    """Empty unless the file tells the focal length: even without a model, two of them are two cameras."""
     focals = [_positive(exif.get(tag)) for tag in (_FOCAL_MM, _FOCAL_35MM)]
-    if not model or focals == [None, None]:
+    if focals == [None, None]:
         return ""
-    words = [_text(main.get(_MAKE)), model, _text(exif.get(_BODY_SERIAL)), _text(exif.get(_LENS))]
+    names = [main.get(_MAKE), main.get(_MODEL), exif.get(_BODY_SERIAL), exif.get(_LENS)]
     lengths = [f"{f:.6g} mm" for f in focals if f is not None]
-    return " | ".join([word for word in words if word] + lengths + [f"{size[0]}×{size[1]}"])
+    return " | ".join([word for name in names if (word := _text(name))] + lengths + [f"{size[0]}×{size[1]}"])
 
 
 def _position(gps: Tags) -> tuple[float, float, float] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
@@ -16,11 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.files import MAX_IMAGE, largest_image
 
 GreyImage = NDArray[np.uint8]
 
-PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
+PICTURES = (".png", ".jpg", ".jpeg", ".jfif", ".ppm", ".pgm", ".tif", ".tiff", ".bmp", ".webp")
+# Photos, too, but of kinds that are not read.
+RAW_PICTURES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".raf", ".rw2")
+FOREIGN_PICTURES = (*RAW_PICTURES, ".heic", ".heif", ".avif", ".jxl", ".jp2", ".gif")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 _MOST_HINTS = 3
 # Pillow's limit and Python's filter of warnings are those of the process.
@@ -97,14 +101,63 @@ def is_picture(file: Path) -> bool:
     return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
 
 
+def is_foreign_picture(file: Path) -> bool:
+    """Whether a file's name says that it is an image of a kind that is not read."""
+    return file.suffix.lower() in FOREIGN_PICTURES and not file.name.startswith(".") and file.is_file()
+
+
 def is_video(file: Path) -> bool:
     """Whether a file's name says that it is a video."""
     return file.suffix.lower() in VIDEOS and not file.name.startswith(".") and file.is_file()
 
 
+_KINDS = (is_picture, is_foreign_picture, is_video)
+
+
+def images_and_videos(folder: Path, masks: Path | None, closed: dict[str, str]) -> list[tuple[str, Path]]:
+    """Name and path of each image, read or not, and video below `folder`, except masks, in order.
+
+    Folders that cannot be read go into `closed`, with the reason; if `folder` itself cannot, it raises that.
+    """
+
+    def note(error: OSError) -> None:
+        place = Path(os.fsdecode(error.filename))
+        if place == folder:
+            raise error
+        closed[f"{place.relative_to(folder).as_posix()}/"] = unreadable(place, error).reason
+
+    found, seen = [], {os.path.realpath(folder)}
+    if masks is not None:
+        seen.add(os.path.realpath(masks))
+    for place, folders, files in os.walk(folder, onerror=note, followlinks=True):
+        here = Path(place)
+        folders[:] = _not_seen(here, sorted(f for f in folders if not f.startswith(".")), seen)
+        found += [file for name in files if any(kind(file := here / name) for kind in _KINDS)]
+    named = [(file.relative_to(folder).as_posix(), file) for file in found]
+    return sorted(named, key=lambda one: natural_order(one[0]))
+
+
+def _not_seen(place: Path, folders: Sequence[str], seen: set[str]) -> list[str]:
+    """The folders in a place that are none of the `seen`, by whatever name: links may lead in circles."""
+    found = []
+    for name in folders:
+        if (real := os.path.realpath(place / name)) not in seen:
+            seen.add(real)
+            found.append(name)
+    return found
+
+
 def photos_of_video(name: str) -> str:
     """Hint for a video where photos are wanted."""
     return f"`ffmpeg -i {name} -vf fps=2 %05d.jpg` makes photos of it, and `sfmcpp slam` follows its camera"
+
+
+def require_no_single_picture(file: Path) -> None:
+    """Raise a DatasetError if a file is an image or a video, where a folder of photos is wanted."""
+    if is_picture(file):
+        raise DatasetError(file, "is one image: give the folder that holds it and others of the scene")
+    if is_video(file):
+        raise DatasetError(file, f"is a video: {photos_of_video(file.name)}")
 
 
 def where_images_are(folder: Path) -> str:
@@ -114,6 +167,8 @@ def where_images_are(folder: Path) -> str:
         return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
     if videos := sorted(file for file in folder.iterdir() if is_video(file)):
         return f"but videos, as {videos[0].name}; {photos_of_video(videos[0].name)}"
+    if foreign := sorted(file for file in folder.iterdir() if is_foreign_picture(file)):
+        return f"but photos of kinds that are not read, as {foreign[0].name}: convert them to JPEG"
     return f"must have files named {', '.join(PICTURES)}"
 
 

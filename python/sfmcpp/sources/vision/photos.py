@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
@@ -19,12 +18,14 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
-from sfmcpp.model.photos import Photo, natural_order
+from sfmcpp.model.photos import Photo
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
+    images_and_videos,
+    is_foreign_picture,
     is_picture,
     is_video,
     load_cv2,
@@ -58,6 +59,9 @@ class PhotoFolder:
         Name of the photo that each copy was of, by the name of the copy; see :func:`without_copies`.
     videos : list of str
         Names of the videos beside them.
+    foreign : list of str
+        Names of the photos of kinds that are not read, as HEIC and raw ones, except those beside one of the
+        same name that is.
     """
 
     path: Path
@@ -65,6 +69,7 @@ class PhotoFolder:
     unreadable: dict[str, str] = field(default_factory=dict)
     copies: dict[str, str] = field(default_factory=dict)
     videos: list[str] = field(default_factory=list)
+    foreign: list[str] = field(default_factory=list)
 
 
 @checked()
@@ -101,11 +106,18 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
         _require_folder(place)
     closed: dict[str, str] = {}
     with failures_named(path):
-        files = _images_and_videos(path, masks_path, closed)
+        files = images_and_videos(path, masks_path, closed)
+        taken = {file.with_suffix("") for _, file in files if is_picture(file)}
         images = [one for one in files if is_picture(one[1])]
         if not images and not closed:
             raise DatasetError(path, f"holds no image: {where_images_are(path)}")
-    found = PhotoFolder(path, [], closed, videos=[name for name, file in files if is_video(file)])
+    found = PhotoFolder(
+        path,
+        [],
+        closed,
+        videos=[name for name, file in files if is_video(file)],
+        foreign=[n for n, file in files if is_foreign_picture(file) and file.with_suffix("") not in taken],
+    )
     for name, file in images:
         try:
             photo = _opened_photo(name, file)
@@ -258,39 +270,6 @@ def _require_folder(path: Path | None) -> None:
     with failures_named(path):
         if not path.is_dir():
             raise DatasetError(path, "is no folder" if path.exists() else "no such file or directory")
-
-
-def _images_and_videos(folder: Path, masks: Path | None, closed: dict[str, str]) -> list[tuple[str, Path]]:
-    """Name and path of each image and video below `folder`, except masks, in order.
-
-    Folders that cannot be read go into `closed`, with the reason; if `folder` itself cannot, it raises that.
-    """
-
-    def note(error: OSError) -> None:
-        place = Path(os.fsdecode(error.filename))
-        if place == folder:
-            raise error
-        closed[f"{place.relative_to(folder).as_posix()}/"] = unreadable(place, error).reason
-
-    found, seen = [], {os.path.realpath(folder)}
-    if masks is not None:
-        seen.add(os.path.realpath(masks))
-    for place, folders, files in os.walk(folder, onerror=note, followlinks=True):
-        here = Path(place)
-        folders[:] = _not_seen(here, sorted(f for f in folders if not f.startswith(".")), seen)
-        found += [file for name in files if is_picture(file := here / name) or is_video(file)]
-    named = [(file.relative_to(folder).as_posix(), file) for file in found]
-    return sorted(named, key=lambda one: natural_order(one[0]))
-
-
-def _not_seen(place: Path, folders: Sequence[str], seen: set[str]) -> list[str]:
-    """The folders in a place that are none of the `seen`, by whatever name: links may lead in circles."""
-    found = []
-    for name in folders:
-        if (real := os.path.realpath(place / name)) not in seen:
-            seen.add(real)
-            found.append(name)
-    return found
 
 
 def _opened_photo(name: str, file: Path) -> Photo:

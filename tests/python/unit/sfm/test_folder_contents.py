@@ -23,13 +23,15 @@ def test_copies_and_videos_are_left_aside_and_named(tmp_path: Path) -> None:
     first = sorted(tmp_path.glob("*.png"))[0]
     shutil.copy(first, tmp_path / f"{first.stem} copy.png")
     (tmp_path / "clip.mp4").write_bytes(b"no matter")
+    (tmp_path / "phone.heic").write_bytes(b"no matter")
     run = reconstruct(tmp_path, **options)
     assert alone.model is not None
     assert run.model is not None
     assert run.problem().cameras.tobytes() == alone.problem().cameras.tobytes()
-    copies, videos = (warning for warning in run.warnings if warning not in alone.warnings)
+    copies, videos, foreign = (warning for warning in run.warnings if warning not in alone.warnings)
     assert copies == f"1 image is a copy, byte for byte, and left out: {first.stem} copy.png of {first.name}"
     assert videos.startswith("1 video is not read: clip.mp4; `ffmpeg -i clip.mp4 ")
+    assert foreign == "1 photo is of a kind not read here, and left out: phone.heic; convert to JPEG"
 
 
 def test_one_image_or_a_video_in_place_of_a_folder_is_told_what_to_give(tmp_path: Path) -> None:
@@ -39,3 +41,14 @@ def test_one_image_or_a_video_in_place_of_a_folder_is_told_what_to_give(tmp_path
         reconstruct(tmp_path / "a.jpg")
     with pytest.raises(DatasetError, match=r"is a video: `ffmpeg -i clip\.mov "):
         reconstruct(tmp_path / "clip.mov")
+
+
+@pytest.mark.parametrize("name", ["100_0001_PPKRAW.bin", "cameras.txt"])
+def test_files_that_a_model_might_have_do_not_hide_photos(tmp_path: Path, name: str) -> None:
+    for photo in ("a.png", "b.png"):
+        write_photo(tmp_path / photo, texture(48, 64))
+    (tmp_path / name).write_bytes(b"no matter")
+    assert reconstruct(tmp_path, subpixel=False).images.keys() == {"a.png", "b.png"}
+    (tmp_path / "images.bin").write_bytes(b"no matter")
+    with pytest.raises(DatasetError, match="without a COLMAP model"):
+        reconstruct(tmp_path)

@@ -205,6 +205,16 @@ def test_an_image_that_loses_its_points_each_time_is_left_out(monkeypatch: pytes
     assert found.reasons[odd] == "it lost its points each of the 3 times that it had a pose"
 
 
+def test_a_model_that_loses_all_its_images_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lose_all(growth: Growth) -> None:
+        growth.world.poses[:] = np.nan
+
+    truth = truth_of(4)
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    monkeypatch.setattr(Growth, "_give_up_lost_images", lose_all)
+    assert grown(graph, known_cameras(graph, truth)).models == []
+
+
 def test_cameras_that_were_chosen_before_keep_their_name() -> None:
     truth = truth_of(8, 200)
     graph = match_graph(truth, sigma_px=SIGMA_PX)

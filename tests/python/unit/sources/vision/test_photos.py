@@ -115,6 +115,18 @@ def test_videos_beside_photos_are_named_and_hinted_at_where_there_are_no_photos(
     assert open_photos(tmp_path).videos == ["clip.MP4"]
 
 
+def test_photos_of_kinds_that_are_not_read_are_named_unless_one_beside_them_is(tmp_path: Path) -> None:
+    for name in ("b.HEIC", "a.CR2", "._c.heic"):
+        (tmp_path / name).write_bytes(b"no matter")
+    with pytest.raises(DatasetError, match=r"but photos of kinds that are not read, as a\.CR2: convert them"):
+        open_photos(tmp_path)
+    write_photo(tmp_path / "a.jpg", SMALL)  # developed by the camera, too
+    (tmp_path / "a.jpg").rename(tmp_path / "a.jfif")
+    found = open_photos(tmp_path)
+    assert [photo.name for photo in found.photos] == ["a.jfif"]
+    assert found.foreign == ["b.HEIC"]
+
+
 @pytest.mark.parametrize(
     ("tags", "focal_px"),
     [
@@ -146,7 +158,7 @@ def test_photos_of_one_camera_at_one_focal_length_and_size_have_one_key(tmp_path
     keys = [photo.camera for photo in open_photos(tmp_path).photos]
     assert keys[0] == keys[1] == "Maker | M 1 | 50mm | 6 mm | 64×48"
     assert len(set(keys[:4])) == 3
-    assert keys[4:] == ["", ""]
+    assert keys[4:] == ["", "6 mm | 64×48"]
 
 
 def gps(latitude: Any, longitude: Any, north: str = "N", east: str = "E", **rest: Any) -> dict[int, Any]:

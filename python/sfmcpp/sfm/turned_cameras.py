@@ -1,0 +1,124 @@
+"""Cameras of unknown focal length that only turned.
+
+Two images of such a camera are related by a homography, as those of a plane are, and a model could be made
+of them whose depths mean nothing. But the homography of a rotation R is ``K R K⁻¹``: one focal length makes
+all of them rotations, which none does for those of planes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sfmcpp.geometry import two_view_geometry
+from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, inverse_calibration, to_normalised, unit
+from sfmcpp.geometry.so3 import nearest_rotation
+from sfmcpp.geometry.two_view_matrices import homography_errors_px
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sfm.cameras import Cameras
+from sfmcpp.sfm.match_graph import MatchGraph, Pair
+
+# Focal lengths that are tried, in lengths of the longer side. Before longer lenses than these a plane that
+# moves sideways looks like a rotation.
+_TRIED = np.geomspace(0.3, 2.5, 30)
+# Pairs that are tried, those first that have most matches.
+_PAIRS = 20
+# Part of the pairs of a camera that must be rotations, and how much worse these may fit than homographies.
+_MOST, _WORSE = 0.9, 1.5
+# No matches are better; without noise, both errors are rounding [px].
+_LEAST_ERROR_PX = 0.1
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """Positions of the matches of a homography in both images, and its median error [px]."""
+
+    first: FloatArray
+    second: FloatArray
+    error_px: float
+
+
+def with_turned_cameras(graph: MatchGraph, cameras: Cameras) -> MatchGraph:
+    """Tell pairs of cameras of unknown focal length that only turned from those that see a plane.
+
+    Parameters
+    ----------
+    graph : MatchGraph
+        Images, and pairs that were verified without a focal length.
+    cameras : Cameras
+        Those whose focal length is guessed are looked at, unless pairs see a scene in depth.
+
+    Returns
+    -------
+    MatchGraph
+        Where one focal length makes rotations of nearly all pairs of a camera, these are of the kind
+        ``"rotation"``; else the same graph.
+    """
+    pairs = list(graph.pairs)
+    for camera in np.flatnonzero(cameras.guessed):
+        inside = cameras.of_image == camera
+        numbers = [n for n, p in enumerate(pairs) if inside[p.first] and inside[p.second]]
+        numbers = [n for n in numbers if pairs[n].geometry.kind in ("planar", "general")]
+        turned = _rotations(graph, [pairs[n] for n in numbers], cameras.intrinsics[camera])
+        for number, pair in zip(numbers, turned, strict=False):
+            pairs[number] = pair
+    return replace(graph, pairs=pairs)
+
+
+def _rotations(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
+    """The pairs as rotations, as far as they are; nothing if too few of them are."""
+    least = _MOST * len(pairs)
+    planar = sorted((p for p in pairs if p.geometry.kind == "planar"), key=lambda p: -len(p.verified))
+    if not planar or len(planar) < least:
+        return []
+    focal_px = _focal_of_rotations([_matches_of(graph, pair) for pair in planar[:_PAIRS]], row)
+    if focal_px is None:
+        return []
+    known = np.concatenate([[focal_px], row[1:]])
+    turned = [_verified_again(graph, pair, known) for pair in pairs]
+    return turned if sum(pair.geometry.kind == "rotation" for pair in turned) >= least else []
+
+
+def _matches_of(graph: MatchGraph, pair: Pair) -> _Matches:
+    first = graph.features[pair.first].pixels[pair.verified[:, 0]]
+    second = graph.features[pair.second].pixels[pair.verified[:, 1]]
+    homography = pair.geometry.homography
+    error_px = max(_LEAST_ERROR_PX, _median_error_px(homography, first, second))
+    return _Matches(first, second, error_px)
+
+
+def _median_error_px(homography: FloatArray, first: FloatArray, second: FloatArray) -> float:
+    return float(np.median(homography_errors_px(homography, first, second)))
+
+
+def _focal_of_rotations(pairs: Sequence[_Matches], row: FloatArray) -> float | None:
+    """Focal length with which rotations explain nearly all pairs as well as homographies do [px]."""
+    from scipy.optimize import minimize_scalar
+
+    side = 2 * row[2:4].max()
+
+    def worse(focal: float) -> FloatArray:
+        return np.array([_rotation_error_px(m, focal * side, row) / m.error_px for m in pairs])
+
+    best = int(np.argmin([np.median(worse(focal)) for focal in _TRIED]))
+    around = _TRIED[max(best - 1, 0)], _TRIED[min(best + 1, len(_TRIED) - 1)]
+    focal = float(minimize_scalar(lambda x: float(np.median(worse(x))), bounds=around, method="bounded").x)
+    return focal * side if np.mean(worse(focal) <= _WORSE) >= _MOST else None
+
+
+def _rotation_error_px(matches: _Matches, focal_px: float, row: FloatArray) -> float:
+    """Median error of the rotation that fits the rays of matches best, for a focal length [px]."""
+    known = np.concatenate([[focal_px], row[1:PINHOLE]])
+    first, second = (unit(homogeneous(to_normalised(p, known))) for p in (matches.first, matches.second))
+    inverse = inverse_calibration(known)
+    turned = np.linalg.inv(inverse) @ nearest_rotation(second.T @ first) @ inverse
+    return _median_error_px(turned, matches.first, matches.second)
+
+
+def _verified_again(graph: MatchGraph, pair: Pair, row: FloatArray) -> Pair:
+    first = graph.features[pair.first].pixels[pair.matches[:, 0]]
+    second = graph.features[pair.second].pixels[pair.matches[:, 1]]
+    geometry = two_view_geometry(first, second, row, row)
+    return replace(pair, geometry=geometry) if geometry.kind == "rotation" else pair
