@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -27,18 +28,24 @@ def _known_sensors(names: list[str]) -> list[str]:
     return names
 
 
-def _sigmas(given: list[str]) -> dict[str, float | None]:
-    """Read ``NAME=SIGMA``, the name that of a sensor."""
-    sigmas: dict[str, float | None] = {}
+def _sigmas(given: list[str]) -> dict[str, float | tuple[float, float] | None]:
+    """Read ``NAME=SIGMA`` and ``NAME=SIGMA+SHARE%``, the name that of a sensor."""
+    sigmas: dict[str, float | tuple[float, float] | None] = {}
     for text in given:
         name, _, number = text.partition("=")
         if name in sigmas:
             raise typer.BadParameter(f"{name!r} is named twice", param_hint="'--sensor-sigma'")
+        with_share = re.fullmatch(r"(.+)\+(.+)%", number)
         try:
-            sigmas[name] = None if number == "auto" else float(number)
+            if with_share:
+                sigmas[name] = (float(with_share[1]), float(with_share[2]) / 100)
+            else:
+                sigmas[name] = None if number == "auto" else float(number)
         except ValueError:
             raise typer.BadParameter(
-                f"{text!r}: must be NAME=SIGMA, a number or auto", param_hint="'--sensor-sigma'"
+                f"{text!r}: must be NAME=SIGMA, a number or auto; odometer=0.02+1% is 0.02 m plus 1 % of the "
+                "distance",
+                param_hint="'--sensor-sigma'",
             ) from None
     return sigmas
 
@@ -147,8 +154,8 @@ Sigmas = Annotated[
     typer.Option(
         "--sensor-sigma",
         metavar="NAME=SIGMA",
-        help="Standard deviation of a sensor: metres, for imu radians; auto: estimated during the run. "
-        "Repeatable.",
+        help="Standard deviation of a sensor: metres, for imu radians; auto: estimated during the run; "
+        "odometer=0.02+1%: 0.02 m plus 1 % of the distance. Repeatable.",
     ),
 ]
 MountingOption = Annotated[

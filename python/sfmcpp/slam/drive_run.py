@@ -15,7 +15,7 @@ from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.checks import require_at_most, require_positive
+from sfmcpp.model.checks import require_at_most, require_positive, require_share
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.model.named_fields import meant
 from sfmcpp.sensors import Mounting, local_positions
@@ -29,6 +29,8 @@ from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
 from sfmcpp.sources.frames import FrameSource
 
+# A standard deviation, that of an odometer with a share of the distance; None: estimated.
+_Sigma = float | tuple[float, float] | None
 # Its square is finite, and that of its inverse is not zero.
 _LARGEST_SIGMA = 1e100
 # Sensors that measure where the camera is in a world of their own.
@@ -125,7 +127,7 @@ def run(
     source: str | PathLike[str] | Drive,
     sensors: Sequence[str] = (),
     *,
-    sigmas: Mapping[str, float | None] | None = None,
+    sigmas: Mapping[str, _Sigma] | None = None,
     weights: str = "loo",
     weight_bounds: str = "declared",
     window: int = 8,
@@ -145,8 +147,9 @@ def run(
         :func:`sfmcpp.sources.drives.open_drive` made of one.
     sensors : sequence of str
         Sensors to use beside the camera: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
-    sigmas : mapping of str to float or None, optional
-        Standard deviation by sensor name: the `sigma_m` [m] or `sigma_rad` [rad] of its class; None:
+    sigmas : mapping of str to float, tuple or None, optional
+        Standard deviation by sensor name: the `sigma_m` [m] or `sigma_rad` [rad] of its class; of the
+        odometer also a tuple of its `sigma_m` and its `relative_sigma`, a share of the distance; None:
         estimated during the run. Default: those of the classes.
     weights : str
         How sensor weights are chosen; see :class:`SlamSettings`.
@@ -244,7 +247,7 @@ def _require_known(opening: Mapping[str, Any]) -> None:
 
 @checked()
 def motion_sensors(
-    drive: Drive, names: Sequence[str], sigmas: Mapping[str, float | None] | None = None
+    drive: Drive, names: Sequence[str], sigmas: Mapping[str, _Sigma] | None = None
 ) -> list[MotionSensor]:
     """Make sensors of the streams of a drive, on its mounting.
 
@@ -254,7 +257,7 @@ def motion_sensors(
         What was measured.
     names : sequence of str
         The sensors: ``"odometer"``, ``"imu"``, ``"ins"``, ``"gps"``.
-    sigmas : mapping of str to float or None, optional
+    sigmas : mapping of str to float, tuple or None, optional
         See :func:`run`.
 
     Returns
@@ -287,22 +290,35 @@ def _require_one_world(sensors: Sequence[MotionSensor]) -> None:
         )
 
 
-def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, float | None]) -> list[MotionSensor]:
+def _with_sigmas(sensors: list[MotionSensor], sigmas: Mapping[str, _Sigma]) -> list[MotionSensor]:
     known = [sensor.name for sensor in sensors]
-    for name, sigma in sigmas.items():
+    for name in sigmas:
         if name not in known:
             raise InvalidArgument(
                 f"sigmas: {name!r} is none of the sensors used: {', '.join(known) or 'none'}"
             )
-        if sigma is not None:
-            require_positive(f"sigmas[{name!r}]", sigma)
-            require_at_most(f"sigmas[{name!r}]", sigma, _LARGEST_SIGMA)
-            if sigma < 1 / _LARGEST_SIGMA:
-                raise InvalidArgument(f"sigmas[{name!r}] = {sigma}: must be at least {1 / _LARGEST_SIGMA:g}")
     return [
-        replace(sensor, **{_SIGMAS[type(sensor)]: sigmas[sensor.name]}) if sensor.name in sigmas else sensor  # type: ignore[type-var]
+        replace(sensor, **_declared(sensor, sigmas[sensor.name])) if sensor.name in sigmas else sensor  # type: ignore[type-var]
         for sensor in sensors
     ]
+
+
+def _declared(sensor: MotionSensor, sigma: _Sigma) -> dict[str, float | None]:
+    """What a sensor is told of its standard deviation, by the fields of its class."""
+    name = f"sigmas[{sensor.name!r}]"
+    share: dict[str, float] = {}
+    if isinstance(sigma, tuple):
+        if not isinstance(sensor, Odometer) or len(sigma) != 2:
+            rule = "must be a number, or of the odometer metres and a share of the distance"
+            raise InvalidArgument(f"{name} = {sigma}: {rule}")
+        sigma, share["relative_sigma"] = sigma
+        require_share(name, share["relative_sigma"])
+    if sigma is not None:
+        require_positive(name, sigma)
+        require_at_most(name, sigma, _LARGEST_SIGMA)
+        if sigma < 1 / _LARGEST_SIGMA:
+            raise InvalidArgument(f"{name} = {sigma}: must be at least {1 / _LARGEST_SIGMA:g}")
+    return {_SIGMAS[type(sensor)]: sigma, **share}
 
 
 def _gps(name: str, stream: SensorStream, mounting: Mounting | None) -> Gps:

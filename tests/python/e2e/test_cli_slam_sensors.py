@@ -119,6 +119,9 @@ def test_a_stream_that_cannot_be_is_one_line_and_writes_nothing(
         ("--sensor-sigma", "odometer=1e300", "--sensor-sigma odometer=1e\\+300: must be at most 1e\\+100"),
         ("--sensor-sigma", "odometer=1e-300", "--sensor-sigma odometer=1e-300: must be at least 1e-100"),
         ("--sensor-sigma", "odometer=0", "--sensor-sigma odometer=0.0: must be finite and positive"),
+        ("--sensor-sigma", "odometer=0.02+101%", "--sensor-sigma odometer=1.01: must be between 0 and 1"),
+        ("--sensor-sigma", "odometer=0+1%", "--sensor-sigma odometer=0.0: must be finite and positive"),
+        ("--sensor-sigma", "odometer=0.02+%", "'odometer=0.02\\+%': must be NAME=SIGMA"),
     ],
 )
 def test_weights_and_sigmas_beyond_numbers_are_one_line(
@@ -148,12 +151,13 @@ def test_what_a_sensor_may_be_off_bounds_its_weight(tmp_path: Path) -> None:
     write_drive(tmp_path / "drive.csv")
     sensors = str(write_sensors(tmp_path / "s.csv", SPEED, every_tenth("5", 6.0)))
     medians = {}
-    for sigma in ("0.01", "0.1"):
+    for sigma in ("0.01", "0.1", "0.01+0%", "0.01+20%"):
         told = ["--sensor", "odometer", "--sensor-file", sensors, "--sensor-sigma", f"odometer={sigma}"]
         assert main(["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / sigma), *told, "--quiet"]) == 0
         keyframes = strict_json(tmp_path / sigma / "report.json")["keyframes"]
         medians[sigma] = np.median([k["weights"]["odometer"] for k in keyframes if k["weights"]])
     assert medians["0.01"] > 2 * medians["0.1"] > 0
+    assert medians["0.01+0%"] > medians["0.01"] > 2 * medians["0.01+20%"] > 0
 
 
 def test_a_gap_is_left_without_constraint_and_the_run_goes_on(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from sfmcpp.sensors import (
     check_rotations,
     travelled_distance,
 )
+from sfmcpp.slam import Odometer
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 
 DRIVES = [f"2011_09_26_drive_{n}" for n in ("0001", "0005", "0027", "0036", "0039", "0095")]
@@ -165,6 +166,22 @@ def test_the_odometer_measures_the_length_of_the_true_path(drive: KittiDrive) ->
     forward = SensorStream(drive.velocity.t_s, drive.velocity.values[:, 0], "speed")
     driven = travelled_distance(forward, drive.t_s[0], drive.t_s[-1])
     assert driven == pytest.approx(truth.length_m, rel=0.03)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("number", ["0001", "0027", "0036", "0039"])
+def test_steps_of_the_odometer_are_a_hundredth_of_the_way_off(data_dir: Path, number: str) -> None:
+    drive = read_kitti_mat(data_dir / "kitti_tracks" / f"2011_09_26_drive_{number}_sync_KLT.mat")
+    mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
+    odometer = Odometer(drive.velocity, relative_sigma=0.01, mounting=mounting)
+    errors, poses = [], drive.truth.poses
+    for k in range(0, len(poses) - 10, 2):  # over a second
+        turn, way = poses[k, :, :3].T @ poses[k + 10, :, :3], poses[k + 10, :, 3] - poses[k, :, 3]
+        told = odometer.measure(drive.t_s[k], drive.t_s[k + 10], poses[k + 10, :, :3], turn)
+        assert told is not None
+        assert told.sigma is not None
+        errors.append((np.asarray(told.value)[:, 3] - poses[k, :, :3].T @ way) / told.sigma)
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
 @pytest.mark.real
