@@ -1,4 +1,4 @@
-"""Radial distortion that is held at zero and that the images show: the scene bends to absorb it.
+"""Radial distortion that is held at zero or at a wrong value: the scene bends to absorb the difference.
 
 It comes before focal lengths and principal points, which take up a part of it where they are freed.
 """
@@ -33,7 +33,7 @@ _F, _K1 = _NAMES.index("f"), _NAMES.index("k1")
 
 
 def distortion(case: Case) -> Iterator[Finding]:
-    """Find a radial distortion held at zero that explains the images better than any other focal length."""
+    """Find a held radial distortion that, once free, explains more than any other focal length."""
     trial = case.trial
     if case.is_misread or trial is None or not _may_be_tested(trial.problem) or fits_poorly(case, trial):
         return
@@ -51,12 +51,11 @@ def distortion(case: Case) -> Iterator[Finding]:
 
 
 def _may_be_tested(problem: Problem) -> bool:
-    """Whether the cameras that observe are pinholes whose distortion is zero and stays so."""
+    """Whether the cameras that observe are pinholes whose distortion is held."""
     if problem.camera_model == "bal" or not is_pinhole(problem.camera_model):
         return False
     rows = np.unique(problem.intrinsics_index[problem.camera_index])
-    lens = slice(_K1, None)
-    return bool(not problem.intrinsics[rows, lens].any() and problem.fixed_intrinsics[rows, lens].all())
+    return bool(problem.fixed_intrinsics[rows, _K1:].all())
 
 
 def _with_free_distortion(problem: Problem) -> Problem:
@@ -79,15 +78,20 @@ def _focal_explains_more(case: Case, good: Problem, freed: Trial) -> bool:
 def _finding(given: Problem, freed: Problem, less: float) -> Finding:
     rows = freed.intrinsics_index[np.unique(freed.camera_index)]
     k1, f = np.median(freed.intrinsics[rows][:, [_K1, _F]], axis=0)
+    held_k1 = given.intrinsics[:, _K1] if given.intrinsics.shape[1] > _K1 else np.zeros(len(given.intrinsics))
+    before = float(np.median(held_k1[rows]))
     radii = radii_px(freed)
     row = freed.intrinsics[freed.intrinsics_index]
-    moved = np.abs(row[:, _K1]) * (radii / row[:, _F]) ** 2  # as a part of the radius
+    moved = (
+        np.abs(row[:, _K1] - held_k1[freed.intrinsics_index]) * (radii / row[:, _F]) ** 2
+    )  # as a part of the radius
     held = bool(given.fixed_intrinsics[rows, _F].all())
     return Finding(
-        "missing-distortion",
+        "wrong-distortion" if before else "missing-distortion",
         "warning" if moved.max() > _BENDS else "note",
-        f"k1 is held at 0 and contradicts the images: {k1:.3g} fits them and moves pixels at the border by "
-        f"{(moved * radii).max():.2g} px; the squared error falls by {less:.0%}; without it the scene bends",
+        f"k1 is held at {before:.3g} and contradicts the images: {k1:.3g} fits them and moves pixels at the "
+        f"border by {(moved * radii).max():.2g} px; the squared error falls by {less:.0%}; without it the "
+        "scene bends",
         "refine it, with the focal length (--refine f,k1)" if held else "refine it (--refine f,k1)",
         measures={"k1": float(k1), "focal_px": float(f), "less": less, "moved": float(moved.max())},
     )

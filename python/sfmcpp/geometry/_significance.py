@@ -19,6 +19,8 @@ _ONE_OF_TWO = math.sqrt(2.0)
 _LARGEST_CHANCE = 0.5
 # So many models of chance are expected at most: one false pair in a thousand.
 _LOG_EXPECTED = math.log(1e-3)
+# A right number may be beyond a limit so rarely, where it is few numbers that tell how they scatter.
+_RARELY = 3e-4
 
 
 def least_significant(count: int, sample_size: int, chance: float) -> int:
@@ -58,6 +60,17 @@ def samples_needed(ratio: float, sample_size: int, confidence: float, most: int)
         return 1
     needed = math.log1p(-confidence) / math.log1p(-good) if good > 0 else math.inf
     return max(1, math.ceil(min(needed, most)))
+
+
+def students_limit(redundancy: float) -> float:
+    """Standard deviations that a right number is off at most, these being known from so many others.
+
+    From few, as of three positions that happen to fit, a standard deviation is often far too small: 58 of
+    two, 6.1 of eight, 3.6 of all.
+    """
+    from scipy.special import stdtrit
+
+    return -float(stdtrit(redundancy, _RARELY / 2))
 
 
 def _extent(pixels: FloatArray) -> tuple[float, float]:

@@ -35,6 +35,7 @@ from sfmcpp.sfm.position_checks import (
     UNCHECKED,
     deviation_warning,
     disagreement_warning,
+    outlier_sigmas,
     unchecked_positions,
     undecidable_positions,
     warnings_of_all,
@@ -43,7 +44,6 @@ from sfmcpp.sfm.positions import Positions, local_positions, require_no_line
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
-from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 from sfmcpp.weighting.statistics import MAX_COLUMNS
 
 if TYPE_CHECKING:
@@ -284,10 +284,10 @@ class _Georeferencing:
                 member_weights=weights[good],
                 name="gps",
             )
-            sigma_m, loss_scale_px = _adjust(problem, group, stated_m, options, loss_scale_px)
+            sigma_m, redundancy, loss_scale_px = _adjust(problem, group, stated_m, options, loss_scale_px)
             apart = problem.centres[images] - metres
             misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
-            agrees = misses <= OUTLIER_SIGMAS * np.sqrt(3) * sigma_m
+            agrees = misses <= outlier_sigmas(redundancy) * np.sqrt(3) * sigma_m
             agrees |= undecidable_positions(problem.centres[images], metres, weights, agrees)
             fit = _Fit(group, sigma_m, good, agrees, apart, loss_scale_px)
             if (agrees == good).all():
@@ -364,18 +364,20 @@ def _adjust(
     stated_m: float | None,
     options: dict[str, Any],
     loss_scale_px: float,
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     """Adjust images and their positions together, and weigh these.
 
-    Returns σ of a coordinate of a position [m], found or as stated, and the scale that the loss ends with; it
-    is given as the last adjustment had it.
+    Returns σ of a coordinate of a position [m], found or as stated, from how many numbers that the fit leaves
+    over, and the scale that the loss ends with; it is given as the last adjustment had it.
     """
     if stated_m is not None:
         group.weight = 3 / stated_m**2 * cost_variance(linear_model(problem, [], options, loss_scale_px))
         summary = solve(problem, constraints=[group], **options).require_uninterrupted()
-        return stated_m, summary.loss_scale_px
+        return stated_m, np.inf, summary.loss_scale_px
     summary = solve(problem, constraints=[group], weight="auto", **options).require_uninterrupted()
-    return summary.group_weights[0].sensor_sigma, summary.loss_scale_px
+    weight = summary.group_weights[0]
+    redundancy = np.inf if weight.redundancy is None else weight.redundancy
+    return weight.sensor_sigma, redundancy, summary.loss_scale_px
 
 
 def _sigmas_of_result(

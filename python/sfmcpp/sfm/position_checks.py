@@ -15,6 +15,7 @@ import numpy as np
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
+from sfmcpp.geometry._significance import students_limit
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import natural_order
@@ -97,6 +98,19 @@ def unchecked_positions(centres: FloatArray, weights: FloatArray, trusted: BoolA
     together = normals[trusted].sum(axis=0) + np.where(trusted[:, None, None], 0.0, normals)
     hats = rows @ np.linalg.pinv(together, hermitian=True) @ np.swapaxes(rows, 1, 2)
     return np.asarray(np.linalg.eigvalsh(hats)[:, -1] > 1 - _LEAST_REDUNDANCY)
+
+
+def outlier_sigmas(redundancy: float) -> float:
+    """How many standard deviations a coordinate of a right position may be off, given their scatter.
+
+    Parameters
+    ----------
+    redundancy : float
+        Numbers of the positions that the fit leaves over, from which the standard deviation was found;
+        infinite where it is known. From few, as of three positions that happen to fit, it may be far too
+        small: then Student's quantile counts.
+    """
+    return max(OUTLIER_SIGMAS, students_limit(redundancy))
 
 
 def undecidable_positions(

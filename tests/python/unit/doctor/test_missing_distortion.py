@@ -1,4 +1,4 @@
-"""A radial distortion that is held at zero is named before focal lengths are blamed."""
+"""A radial distortion that is held at zero or at a wrong value is named before focal lengths are blamed."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from sfmcpp.ba import residuals_px
 K1 = -0.06
 
 
-def photographed(scene: str, k1: float) -> Problem:
-    """A scene seen through a lens of distortion `k1` that all cameras share; the problem has it at zero."""
+def photographed(scene: str, k1: float, held: float = 0.0) -> Problem:
+    """A scene through a lens of distortion `k1` that all cameras share; the problem has it at `held`."""
     cameras, points, seed = {"city-blocks": (60, 2000, 33), "street-loop": (60, 2000, 4)}[scene]
     problem = SCENES[scene](cameras, points, camera_model="perspective", pixel_sigma_px=0.0, seed=seed)
     problem.intrinsics_index[:] = 0
@@ -22,7 +22,7 @@ def photographed(scene: str, k1: float) -> Problem:
     problem.intrinsics[:, column] = k1
     problem.pixels[:] -= residuals_px(problem)
     problem.pixels[:] += np.random.default_rng(seed).normal(0, 0.3, problem.pixels.shape)
-    problem.intrinsics[:, column] = 0
+    problem.intrinsics[:, column] = held
     problem.fixed_intrinsics[:] = True
     return perturb(problem, point_sigma_m=0.02, position_sigma_m=0.02, rotation_sigma_deg=0.1, seed=seed)
 
@@ -41,6 +41,17 @@ def test_a_lens_that_is_not_modelled_is_named_and_nothing_else_is_blamed(
     assert not {"wrong-focal", "wrong-principal-point", "calibration-of-another-size"} & set(diagnosis.codes)
 
 
+@pytest.mark.parametrize(("k1", "held"), [(0.0, K1), (K1, -0.14), (0.05, K1)])
+@pytest.mark.parametrize("scene", ["city-blocks", "street-loop"])
+def test_a_lens_held_at_a_wrong_value_is_named(scene: str, k1: float, held: float) -> None:
+    diagnosis = diagnose(photographed(scene, k1, held))
+    finding = next(f for f in diagnosis.findings if f.code == "wrong-distortion")
+    assert finding.severity == "warning"
+    assert f"k1 is held at {held:.3g}" in finding.what
+    assert finding.measures["k1"] == pytest.approx(k1, abs=0.012)
+    assert not {"wrong-focal", "wrong-principal-point", "calibration-of-another-size"} & set(diagnosis.codes)
+
+
 @pytest.mark.parametrize("factor", [0.8, 1.25])
 def test_a_wrong_focal_length_is_no_distortion(factor: float) -> None:
     problem = photographed("street-loop", 0.0)
@@ -51,8 +62,10 @@ def test_a_wrong_focal_length_is_no_distortion(factor: float) -> None:
 
 
 @pytest.mark.parametrize("scene", ["city-blocks", "street-loop"])
-def test_a_lens_without_distortion_raises_no_alarm(scene: str) -> None:
-    assert "missing-distortion" not in diagnose(photographed(scene, 0.0)).codes
+@pytest.mark.parametrize("k1", [0.0, K1])
+def test_a_lens_held_at_its_own_distortion_raises_no_alarm(scene: str, k1: float) -> None:
+    codes = diagnose(photographed(scene, k1, held=k1)).codes
+    assert not {"missing-distortion", "wrong-distortion"} & set(codes)
 
 
 def test_rows_of_intrinsics_that_nothing_observes_hide_no_distortion() -> None:

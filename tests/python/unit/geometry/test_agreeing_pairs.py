@@ -28,6 +28,25 @@ def test_the_wrong_pairs_are_left_out_and_nearly_all_others_kept(count: int, wro
     assert good[wrong:].mean() >= 0.95
 
 
+@pytest.mark.parametrize("with_scale", [True, False])
+def test_of_five_right_pairs_none_is_left_out_but_by_rare_chance(with_scale: bool) -> None:
+    def kept(seed: int) -> int:
+        random = np.random.default_rng(seed)
+        source = random.normal(0, 1.0, (5, 3))
+        target = source + random.normal(0, 0.01, source.shape)
+        return int(agreeing_pairs(source, target, with_scale=with_scale).sum())
+
+    all_kept = sum(kept(seed) == 5 for seed in range(100))
+    assert all_kept >= 95  # three of the five, which fit by chance, left two out in a quarter of all draws
+
+
+@pytest.mark.parametrize("wrong", [1, 2])
+@pytest.mark.parametrize("seed", range(10))
+def test_of_five_pairs_the_wrong_ones_are_left_out_where_they_are_far_off(wrong: int, seed: int) -> None:
+    good = agreeing_pairs(*pairs(5, wrong, 0.0005, seed))
+    assert good.tolist() == [False] * wrong + [True] * (5 - wrong)
+
+
 def test_exact_pairs_all_agree() -> None:
     assert agreeing_pairs(*pairs(30, 0, 0.0, 0)).all()
 

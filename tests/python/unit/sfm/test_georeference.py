@@ -221,6 +221,16 @@ def test_a_position_that_alone_tells_the_roll_is_not_wrong(seed: int) -> None:
     assert "depends on the position of 6 alone" in warning
 
 
+@pytest.mark.parametrize("seed", [4, 6, 10])  # three of the five positions of seed 4 fit by chance
+def test_of_five_right_positions_none_is_left_out(seed: int) -> None:
+    truth = sfmcpp.circle_scene(5, 60, pixel_sigma_px=0.5, radius_m=60.0, cube_m=30.0, seed=seed)
+    gps = truth.centres + np.random.default_rng(seed).normal(0, 0.3, truth.centres.shape)
+    problem = in_a_frame_of_its_own(truth, seed)
+    found = georeference(problem, gps).outcome
+    assert not found.outliers
+    assert camera_errors_m(problem, truth.centres).max() < 5 * found.accuracy_m
+
+
 def test_what_no_roll_explains_is_wrong_all_the_same() -> None:
     truth = flight(LINE_AND_ONE, 0)
     gps = truth.centres + np.random.default_rng(0).normal(0, 0.05, truth.centres.shape)
