@@ -199,18 +199,6 @@ class Map(Store):
             rows, places = other._tracks.of(np.arange(len(other.points)))
             self._require_once(np.asarray(points, dtype=np.intp)[places], other.keypoint_images[rows])
 
-    def _enter_world_of(self, other: Map) -> None:
-        """Take over the origin of another map's world; InvalidArgument where this one has another."""
-        if self.num_images == 0 and self.origin is None:
-            self.origin = other.origin
-        if self.origin is None or other.origin is None:
-            return
-        here, there = (origin.to_dict() for origin in (self.origin, other.origin))
-        if here != there:
-            raise InvalidArgument(
-                f"other.origin: {there}, must be {here} as that of this map, or similarity be given"
-            )
-
     def set_sigmas_by_scale(self, sigma_per_scale: float, least_px: float = 0.0) -> None:
         """Let the standard deviation of each keypoint grow with its scale s: ``σ² = least² + (factor s)²``.
 

@@ -309,6 +309,18 @@ class Store:
         if not (np.diff(pairs) > 0).all() and len(np.unique(pairs)) != len(pairs):
             raise InvalidArgument("points: an image sees a point once at most")
 
+    def _enter_world_of(self, other: Store) -> None:
+        """Take over the origin of another map's world; InvalidArgument where this one has another."""
+        if self.num_images == 0 and self.origin is None:
+            self.origin = other.origin
+        if self.origin is None or other.origin is None:
+            return
+        here, there = (origin.to_dict() for origin in (self.origin, other.origin))
+        if here != there:
+            raise InvalidArgument(
+                f"other.origin: {there}, must be {here} as that of this map, or similarity be given"
+            )
+
     def add_points(
         self, positions: ArrayLike, *, colors: ArrayLike | None = None, ids: ArrayLike | None = None
     ) -> Rows:

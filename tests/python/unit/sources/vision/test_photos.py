@@ -1,10 +1,9 @@
-"""Folders of photos: which files count, what they tell, and that damaged ones are named."""
+"""Photos of a folder: what they tell, and that damaged ones are named."""
 
 from __future__ import annotations
 
 import io
 import math
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -38,49 +37,6 @@ def only(folder: Path) -> Photo:
     return photo
 
 
-def test_photos_of_all_folders_come_by_name_with_numbers_by_value(tmp_path: Path) -> None:
-    for name in ("b/10.png", "b/9.JPG", "a.jpg", ".hidden/c.jpg", "._a.jpg"):
-        write_photo(tmp_path / name, SMALL)
-    (tmp_path / "K.txt").write_text("1 0 0")
-    found = open_photos(tmp_path)
-    assert [photo.name for photo in found.photos] == ["a.jpg", "b/9.JPG", "b/10.png"]
-    assert {photo.size for photo in found.photos} == {(64, 48)}
-    assert found.unreadable == {}
-
-
-def test_links_to_folders_are_followed_and_each_folder_counts_once(tmp_path: Path) -> None:
-    photos, elsewhere = tmp_path / "photos", tmp_path / "elsewhere"
-    for folder in (photos / "a", elsewhere):
-        folder.mkdir(parents=True)
-    write_photo(photos / "a" / "1.png", texture(48, 64))
-    write_photo(elsewhere / "2.png", texture(48, 64))
-    for link, place in (("linked", elsewhere), ("again", photos / "a"), ("a/round", photos)):
-        (photos / link).symlink_to(place)
-    assert [photo.name for photo in open_photos(photos).photos] == ["a/1.png", "linked/2.png"]
-
-
-def test_a_folder_that_cannot_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("a", "closed"):
-        (tmp_path / name).mkdir()
-        write_photo(tmp_path / name / "1.png", texture(48, 64))
-    scan = os.scandir
-
-    def refuse_closed(path: str) -> object:
-        if Path(path).name == "closed":
-            raise PermissionError(13, "Permission denied", path)
-        return scan(path)
-
-    monkeypatch.setattr(os, "scandir", refuse_closed)
-    found = open_photos(tmp_path)
-    assert [photo.name for photo in found.photos] == ["a/1.png"]
-    assert found.unreadable == {"closed/": "permission denied"}
-    (tmp_path / "a" / "1.png").unlink()
-    with pytest.raises(DatasetError, match="closed/: permission denied"):
-        open_photos(tmp_path)
-    with pytest.raises(DatasetError, match="closed: permission denied"):
-        open_photos(tmp_path / "closed")
-
-
 def test_equal_content_has_an_equal_digest_and_a_mask_changes_it(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
         write_photo(tmp_path / "photos" / name, SMALL)
@@ -105,26 +61,6 @@ def test_of_photos_with_the_same_bytes_the_shortest_name_stays(tmp_path: Path) -
     write_photo(tmp_path / "masks/d.png", 255 - 0 * SMALL)
     masked = without_copies(open_photos(tmp_path / "photos", masks=tmp_path / "masks"))
     assert [photo.name for photo in masked.photos] == ["a.png", "c.png", "d.png"]
-
-
-def test_videos_beside_photos_are_named_and_hinted_at_where_there_are_no_photos(tmp_path: Path) -> None:
-    (tmp_path / "clip.MP4").write_bytes(b"no matter")
-    with pytest.raises(DatasetError, match=r"but videos, as clip\.MP4; `ffmpeg -i clip\.MP4 "):
-        open_photos(tmp_path)
-    write_photo(tmp_path / "a.png", SMALL)
-    assert open_photos(tmp_path).videos == ["clip.MP4"]
-
-
-def test_photos_of_kinds_that_are_not_read_are_named_unless_one_beside_them_is(tmp_path: Path) -> None:
-    for name in ("b.HEIC", "a.CR2", "._c.heic"):
-        (tmp_path / name).write_bytes(b"no matter")
-    with pytest.raises(DatasetError, match=r"but photos of kinds that are not read, as a\.CR2: convert them"):
-        open_photos(tmp_path)
-    write_photo(tmp_path / "a.jpg", SMALL)  # developed by the camera, too
-    (tmp_path / "a.jpg").rename(tmp_path / "a.jfif")
-    found = open_photos(tmp_path)
-    assert [photo.name for photo in found.photos] == ["a.jfif"]
-    assert found.foreign == ["b.HEIC"]
 
 
 @pytest.mark.parametrize(
