@@ -39,8 +39,10 @@ ColorImage = NDArray[np.uint8]
 
 _DIGEST_BYTES = 20
 _THUMBNAIL_QUALITY = 80
-# Pillow's modes of 16 bits a pixel; 32-bit "I" is what its older versions make of 16-bit PNG.
-_DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I")
+# Pillow's modes of 16 bits a pixel and of floats; 32-bit "I" is what its older versions make of 16-bit PNG.
+_DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
+# Bits that cameras measure, and 16-bit files hold as they are.
+_SENSOR_BITS = (8, 10, 12, 14)
 
 
 @dataclass(frozen=True)
@@ -188,7 +190,7 @@ def read_color(photo: Photo) -> ColorImage:
     Returns
     -------
     (height, width, 3) uint8
-        Of 16 bits a channel, the upper 8.
+        Of deeper grey levels the upper 8 of the bits that they use: 8, 10, 12, 14 or 16. Of floats 1 is white.
 
     Raises
     ------
@@ -356,12 +358,22 @@ def _as_rgb(file: Path, image: Any) -> ColorImage:
     pixels = _decoded(file, image)
     if pixels.ndim == 3:
         return pixels
-    grey = (pixels.astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
-    return np.repeat(grey[:, :, None], 3, axis=2)
+    return np.repeat(_eight_bits(pixels)[:, :, None], 3, axis=2)
+
+
+def _eight_bits(grey: NDArray[Any]) -> GreyImage:
+    """The upper 8 of the bits that grey levels use; of floats, where 1 is white unless one is larger."""
+    levels = np.nan_to_num(grey) if grey.dtype.kind == "f" else grey.astype(np.int64)
+    most = levels.max(initial=0)
+    if grey.dtype.kind == "f":
+        levels = np.rint(levels * (255.0 if most <= 1 else 1.0))
+    else:
+        levels >>= next((bits for bits in _SENSOR_BITS if most < 1 << bits), 16) - 8
+    return np.asarray(levels.clip(0, 255), dtype=np.uint8)
 
 
 def _decoded(file: Path, image: Any) -> NDArray[Any]:
-    """Red, green, blue (height, width, 3), or grey levels (height, width) of 16 bits.
+    """Red, green, blue (height, width, 3), or grey levels (height, width) of 16 bits or floats.
 
     All is decoded: Pillow, unlike OpenCV, refuses a file that is cut short.
     """

@@ -177,6 +177,21 @@ def test_deep_and_indexed_pixels_are_read(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_gray(photo), grey, err_msg=photo.name)
 
 
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+def test_deep_pixels_use_all_of_eight_bits(tmp_path: Path, bits: int) -> None:
+    grey = np.arange(12, dtype=np.uint16).reshape(3, 4) * 20 + 30
+    Image.fromarray(grey << (bits - 8)).save(tmp_path / "deep.png")
+    np.testing.assert_array_equal(read_gray(only(tmp_path)), grey)
+
+
+def test_of_fractions_one_is_white(tmp_path: Path) -> None:
+    grey = np.arange(12, dtype=np.float32).reshape(3, 4) / 11
+    for name, scale in (("fractions.tif", 1), ("levels.tif", 255)):
+        Image.fromarray(grey * np.float32(scale)).save(tmp_path / name)
+    for photo in open_photos(tmp_path).photos:
+        np.testing.assert_array_equal(read_gray(photo), np.rint(grey * 255), err_msg=photo.name)
+
+
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif", ".webp", ".bmp"])
 def test_a_truncated_photo_is_found_out_when_it_is_read(tmp_path: Path, suffix: str) -> None:
     file = cut_short(write_photo(tmp_path / f"a{suffix}", texture(200, 300)))
