@@ -190,7 +190,7 @@ def read_color(photo: Photo) -> ColorImage:
     Returns
     -------
     (height, width, 3) uint8
-        Of deeper grey levels the upper 8 of the bits that they use: 8, 10, 12, 14 or 16. Of floats 1 is white.
+        Of deeper grey levels the upper 8 of the bits used: 8, 10, 12, 14 or 16. Of floats 1 is white.
 
     Raises
     ------
