@@ -11,6 +11,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
@@ -18,12 +19,14 @@ from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.vision.images import (
     GreyImage,
+    eight_bits,
     is_picture,
     load_cv2,
     open_image,
     require_few_pixels,
     unreadable,
     where_images_are,
+    white_level,
 )
 
 # More of the images of a folder are no accident of one of them; one always is.
@@ -116,6 +119,7 @@ class _Folder(Frames):
         if not self._files:
             raise DatasetError(path, f"holds no image: {where_images_are(path)}")
         self.names = [file.name for file in self._files]
+        self._white: float | None = None  # where there are more than 8 bits
 
     def __len__(self) -> int:
         return len(self._files)
@@ -159,14 +163,21 @@ class _Folder(Frames):
             raise unreadable(file, error) from error
         _require_few_pixels(file, content)
         data = np.frombuffer(content, np.uint8)
-        flags = self._cv2.IMREAD_GRAYSCALE | self._cv2.IMREAD_IGNORE_ORIENTATION
+        cv2 = self._cv2
+        flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
         try:
-            image = self._cv2.imdecode(data, flags) if len(data) else None
-        except self._cv2.error:
+            image = cv2.imdecode(data, flags) if len(data) else None
+        except cv2.error:
             image = None
         if image is None:
             raise DatasetError(file, f"is no image that can be decoded ({len(data)} bytes)")
-        return np.asarray(image, dtype=np.uint8)
+        return image if image.dtype == np.uint8 else self._eight_bits(image)
+
+    def _eight_bits(self, deep: NDArray[Any]) -> GreyImage:
+        """With the white of the first frame: points are followed by their brightness."""
+        if self._white is None:
+            self._white = white_level(deep)
+        return eight_bits(deep, self._white)
 
 
 class _Video(Frames):

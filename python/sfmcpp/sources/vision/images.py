@@ -27,6 +27,8 @@ RAW_PICTURES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".raf", ".rw2")
 FOREIGN_PICTURES = (*RAW_PICTURES, ".heic", ".heif", ".avif", ".jxl", ".jp2", ".gif")
 VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 _MOST_HINTS = 3
+# Bits that cameras measure, and files of 16 bits hold as they are.
+_SENSOR_BITS = (8, 10, 12, 14)
 # Pillow's limit and Python's filter of warnings are those of the process.
 _OPENING = Lock()
 
@@ -181,6 +183,26 @@ def _has_picture(folder: Path) -> bool:
 def unreadable(path: Path, error: OSError) -> DatasetError:
     """Error of the operating system for a file, as an error that names it."""
     return DatasetError(path, (error.strerror or str(error)).lower())
+
+
+def white_level(grey: NDArray[Any]) -> float:
+    """What is white in grey levels of more than 8 bits: the most that the bits used can hold; of floats, 1.
+
+    Floats of which one is larger are taken for levels of 8 bits.
+    """
+    most = np.nan_to_num(grey).max(initial=0)
+    if grey.dtype.kind == "f":
+        return 1.0 if most <= 1 else 255.0
+    return next((1 << bits for bits in _SENSOR_BITS if most < 1 << bits), 1 << 16) - 1.0
+
+
+def eight_bits(grey: NDArray[Any], white: float) -> GreyImage:
+    """Grey levels in 8 bits, the upper ones of integers; what is brighter than white is white."""
+    if grey.dtype.kind == "f":
+        levels = np.rint(np.nan_to_num(grey) * (255.0 / white))
+    else:
+        levels = grey.astype(np.int64) * 256 // int(white + 1)
+    return np.asarray(levels.clip(0, 255), dtype=np.uint8)
 
 
 def encode_png(pixels: NDArray[np.uint8], conversion: str | None = None) -> bytes:

@@ -24,6 +24,7 @@ from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
+    eight_bits,
     images_and_videos,
     is_foreign_picture,
     is_picture,
@@ -33,6 +34,7 @@ from sfmcpp.sources.vision.images import (
     open_image,
     unreadable,
     where_images_are,
+    white_level,
 )
 
 ColorImage = NDArray[np.uint8]
@@ -41,8 +43,6 @@ _DIGEST_BYTES = 20
 _THUMBNAIL_QUALITY = 80
 # Pillow's modes of 16 bits a pixel and of floats; 32-bit "I" is what its older versions make of 16-bit PNG.
 _DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
-# Bits that cameras measure, and 16-bit files hold as they are.
-_SENSOR_BITS = (8, 10, 12, 14)
 
 
 @dataclass(frozen=True)
@@ -358,18 +358,7 @@ def _as_rgb(file: Path, image: Any) -> ColorImage:
     pixels = _decoded(file, image)
     if pixels.ndim == 3:
         return pixels
-    return np.repeat(_eight_bits(pixels)[:, :, None], 3, axis=2)
-
-
-def _eight_bits(grey: NDArray[Any]) -> GreyImage:
-    """The upper 8 of the bits that grey levels use; of floats, where 1 is white unless one is larger."""
-    levels = np.nan_to_num(grey) if grey.dtype.kind == "f" else grey.astype(np.int64)
-    most = levels.max(initial=0)
-    if grey.dtype.kind == "f":
-        levels = np.rint(levels * (255.0 if most <= 1 else 1.0))
-    else:
-        levels >>= next((bits for bits in _SENSOR_BITS if most < 1 << bits), 16) - 8
-    return np.asarray(levels.clip(0, 255), dtype=np.uint8)
+    return np.repeat(eight_bits(pixels, white_level(pixels))[:, :, None], 3, axis=2)
 
 
 def _decoded(file: Path, image: Any) -> NDArray[Any]:

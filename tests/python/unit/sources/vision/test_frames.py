@@ -48,6 +48,13 @@ def test_a_colour_image_becomes_its_luma(tmp_path: Path) -> None:
     assert abs(image.astype(float) - blue_green_red @ [0.114, 0.587, 0.299]).max() <= 1
 
 
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_deep_images_have_the_white_of_the_first(tmp_path: Path, bits: int) -> None:
+    for name, grey in (("1.png", 200), ("2.png", 3), ("3.png", 255)):
+        cv2.imwrite(str(tmp_path / name), np.full((48, 64), grey << (bits - 8), dtype=np.uint16))
+    assert levels(tmp_path) == [200, 3, 255]
+
+
 def test_a_video_gives_its_frames_and_its_rate_as_often_as_asked(tmp_path: Path) -> None:
     write_video(tmp_path / "a.avi", [40, 80, 120], fps=12.5)
     frames = open_frames(tmp_path / "a.avi")
