@@ -27,7 +27,12 @@ from sfmcpp.sensors.odometer import (
     travelled_distance,
 )
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
-from sfmcpp.sensors.position_jumps import displaced_positions, without_leaps
+from sfmcpp.sensors.position_jumps import (
+    displaced_positions,
+    longest_lost_fix,
+    without_leaps,
+    without_repeats,
+)
 from sfmcpp.sensors.rate_bias import MOST_TURNS, find_bias, without_bias
 from sfmcpp.sensors.rate_spikes import describe_spikes, rate_spikes, without_spikes
 from sfmcpp.sensors.registration import (
@@ -86,6 +91,7 @@ __all__ = [
     "interpolate_vectors",
     "is_easier_without",
     "local_positions",
+    "longest_lost_fix",
     "measured_at",
     "orientations",
     "pose_at",
@@ -104,6 +110,7 @@ __all__ = [
     "travelled_distance",
     "without_bias",
     "without_leaps",
+    "without_repeats",
     "without_slip",
     "without_spikes",
 ]

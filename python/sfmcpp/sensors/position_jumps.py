@@ -30,6 +30,10 @@ _NOISE_SIGMAS, _LEAST_SIGMA_M = 10.0, 1.0
 _CUT_SHARE = 0.5
 # More large steps are noise; such a stream is not searched.
 _MOST_LEAPS = 1000
+# Fewer different fixes are those of a place.
+_FEWEST_FIXES = 3
+# A fix that is repeated for longer than a logger does [s], the next one farther away than noise makes it.
+_LONG_HELD_S, _FAR_SIGMAS = 1.5, 6.0
 
 
 @checked()
@@ -121,6 +125,70 @@ def _peaks(sizes: FloatArray, limit: float) -> NDArray[np.intp]:
     padded = np.pad(sizes, _LEVEL - 1)
     largest = np.lib.stride_tricks.sliding_window_view(padded, 2 * _LEVEL - 1).max(axis=-1)
     return np.flatnonzero((sizes > limit) & (sizes == largest))
+
+
+@checked()
+def without_repeats(stream: SensorStream) -> SensorStream:
+    """Leave out positions that repeat the one before to the last digit: nobody has measured them.
+
+    Receivers repeat their last fix while they have none, and loggers until there is a new one.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"position"`` or ``"pose"``.
+
+    Returns
+    -------
+    SensorStream
+        The given stream if nothing is left out, or hardly any would be left.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "position", "pose")
+    anew = ~_repeats(stream)
+    return stream if anew.all() or np.count_nonzero(anew) < _FEWEST_FIXES else stream.only(anew)
+
+
+@checked()
+def longest_lost_fix(stream: SensorStream, sigma_m: float) -> tuple[float, float] | None:
+    """The longest time for which a fix was repeated though the receiver moved on.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"position"`` or ``"pose"``.
+    sigma_m : float
+        Standard deviation of a position along each axis [m].
+
+    Returns
+    -------
+    (start, length) or None
+        Time of the fix, and from it to the last repeat [s]; None if the next fix is always near.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind, or `sigma_m` is not positive.
+    """
+    require_kind(stream, "position", "pose")
+    require_positive("sigma_m", sigma_m)
+    begins = np.flatnonzero(~_repeats(stream))
+    ends = np.append(begins[1:], len(stream)) - 1
+    held_s = stream.t_s[ends] - stream.t_s[begins]
+    places = stream.values[begins, :3]
+    ways = np.append(np.linalg.norm(np.diff(places, axis=0), axis=1), 0.0)
+    lost = np.where((held_s > _LONG_HELD_S) & (ways > _FAR_SIGMAS * sigma_m), held_s, 0.0)
+    longest = int(np.argmax(lost))
+    return None if lost[longest] == 0 else (float(stream.t_s[begins[longest]]), float(held_s[longest]))
+
+
+def _repeats(stream: SensorStream) -> NDArray[np.bool_]:
+    """Which measurements (n,) are those before them."""
+    return np.asarray((np.diff(stream.values, axis=0, prepend=np.nan) == 0).all(axis=1))
 
 
 @checked()

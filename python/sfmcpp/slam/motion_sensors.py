@@ -19,6 +19,7 @@ from sfmcpp.sensors import (
     carried_over,
     displaced_positions,
     doubtful_stretches,
+    longest_lost_fix,
     pose_at,
     position_at,
     rotation_increment,
@@ -26,6 +27,7 @@ from sfmcpp.sensors import (
     smoothed_positions,
     travelled_distance,
     without_leaps,
+    without_repeats,
 )
 from sfmcpp.slam.measurement import Measurement
 
@@ -254,9 +256,14 @@ class Gps:
         _require_sigma("sigma_m", self.sigma_m)
 
     @cached_property
+    def measured(self) -> SensorStream:
+        """The positions without repeats of the one before."""
+        return without_repeats(self.stream)
+
+    @cached_property
     def reachable(self) -> SensorStream:
-        """The positions that a vehicle can have reached from the others."""
-        return without_leaps(self.stream, self.sigma_m)
+        """Those that a vehicle can have reached from the others."""
+        return without_leaps(self.measured, self.sigma_m)
 
     @cached_property
     def displaced(self) -> NDArray[np.bool_]:
@@ -275,15 +282,20 @@ class Gps:
 
     def remarks(self) -> list[str]:
         """What is wrong with the stream by itself, a sentence each."""
-        unreachable = _unreachable(self.stream, self.reachable)
-        if not self.displaced.any():
-            return unreachable
-        away = self.reachable.t_s[self.displaced]
-        return [
-            *unreachable,
-            f"stream {self.stream.name!r}: {len(away)} of {len(self.stream)} positions jump away from the "
-            f"others, first at {away[0]:.3f} s: they get no weight",
-        ]
+        stream = f"stream {self.stream.name!r}: "
+        found = _unreachable(self.measured, self.reachable)
+        if (lost := longest_lost_fix(self.stream, self.likely_sigma_m)) is not None:
+            found.append(
+                f"{stream}one position is repeated for {lost[1]:.1f} s from {lost[0]:.3f} s on, as without a "
+                "fix: repeats get no weight"
+            )
+        if self.displaced.any():
+            away = self.reachable.t_s[self.displaced]
+            found.append(
+                f"{stream}{len(away)} of {len(self.measured)} positions jump away from the others, first at "
+                f"{away[0]:.3f} s: they get no weight"
+            )
+        return found
 
     def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
         """Centre (3,) of a camera with that rotation world_from_camera [m]."""

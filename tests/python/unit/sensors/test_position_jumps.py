@@ -7,7 +7,8 @@ import pytest
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import displaced_positions, without_leaps
+from sfmcpp.sensors import displaced_positions, longest_lost_fix, without_leaps, without_repeats
+from sfmcpp.slam import Gps
 
 ASIDE = np.array([9.0, -12.0, 0.0])  # 15 m
 
@@ -143,3 +144,41 @@ def test_the_same_positions_are_displaced_whatever_the_clock_is(start_s: float) 
         np.testing.assert_array_equal(
             found(start_s + t_s, places, seed, 0.5), found(t_s, places, seed, 0.5), err_msg=str(seed)
         )
+
+
+def frozen(begin_s: float, end_s: float) -> SensorStream:
+    """A way on which one fix is repeated for a while."""
+    t_s, places = winding_way()
+    held = (t_s > begin_s) & (t_s <= end_s)
+    places[held] = places[np.flatnonzero(held)[0] - 1]
+    return SensorStream(t_s, places, "position")
+
+
+def test_repeats_of_a_fix_are_left_out_and_told_where_it_was_lost() -> None:
+    stream = frozen(12.0, 16.0)
+    left = without_repeats(stream)
+    assert len(left) == len(stream) - 40
+    assert not ((left.t_s > 12.05) & (left.t_s < 16.05)).any()
+    start_s, length_s = longest_lost_fix(stream, 1.0) or (0.0, 0.0)
+    assert (start_s, length_s) == (pytest.approx(12.0), pytest.approx(4.0))
+    assert longest_lost_fix(frozen(12.0, 13.0), 1.0) is None
+    gps = Gps(stream)
+    (remark,) = gps.remarks()
+    assert remark.startswith("stream 'position': one position is repeated for 4.0 s from 12.000 s on")
+    assert gps.at(14.0, np.eye(3)) is None
+    assert gps.at(11.0, np.eye(3)) is not None
+
+
+def test_a_slow_receiver_of_a_fast_logger_does_not_jump() -> None:
+    t_s, places = winding_way()
+    noise = np.random.default_rng(0).normal(0, 0.05, places.shape)
+    logged = (places + noise)[np.arange(len(t_s)) // 10 * 10]
+    gps = Gps(SensorStream(t_s, logged, "position"), sigma_m=0.05)
+    assert gps.remarks() == []
+    assert len(gps.believed) == len(t_s) // 10
+
+
+def test_a_receiver_that_stands_keeps_its_position() -> None:
+    stream = SensorStream(np.arange(50) / 10.0, np.ones((50, 3)), "position")
+    assert without_repeats(stream) is stream
+    assert longest_lost_fix(stream, 1.0) is None
