@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <fstream>
+#include <limits>
 #include <optional>
 #include <string_view>
 #include <thread>
@@ -99,11 +100,32 @@ double memory_limit_bytes(const std::string& root) {
   return limit;
 }
 
-int usable_cores(const std::string& root) {
-  double cores = std::max(1, bound_cores());
+double memory_limit_bytes() {
+  static const double limit = memory_limit_bytes("");
+  return limit;
+}
+
+namespace {
+
+// Processors that the control groups have time for.
+double granted_processors(const std::string& root) {
+  double granted = std::numeric_limits<double>::infinity();
   for (const std::string& folder : group_folders(root, "cpu"))
-    cores = std::min(cores, std::ceil(processors_of(folder).value_or(cores)));
-  return static_cast<int>(cores);
+    granted = std::min(granted, processors_of(folder).value_or(granted));
+  return granted;
+}
+
+int usable(double granted) {
+  return static_cast<int>(std::min<double>(std::max(1, bound_cores()), std::ceil(granted)));
+}
+
+}  // namespace
+
+int usable_cores(const std::string& root) { return usable(granted_processors(root)); }
+
+int usable_cores() {
+  static const double granted = granted_processors("");
+  return usable(granted);
 }
 
 // FNV-1a, of which a double holds 52 bits.

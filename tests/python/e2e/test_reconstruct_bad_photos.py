@@ -47,7 +47,7 @@ def test_a_folder_without_images(tmp_path: Path, capsys: pytest.CaptureFixture[s
         ("planar", 1, (), "only usable image"),
         ("identical", 3, (), "the photos are identical"),
         ("apart", 3, (), "matches no other image"),
-        ("rotation", 4, (), "a camera that only turned"),
+        ("rotation", 4, (), "the camera only turned"),
         ("rotation", 4, ("--camera", "288"), "the camera only turned"),
     ],
 )
