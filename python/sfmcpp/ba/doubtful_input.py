@@ -90,9 +90,10 @@ def warnings_about_sigmas(problem: Problem, summary: Summary) -> list[str]:
     summary : Summary
         Of the solve.
     """
+    if len(summary.iterations) > 1 or summary.termination != "converged":
+        return []
     sigmas_px = Whitener.of(problem.sigma_px, problem.covariance_px2).sigma_px
-    taken = len(summary.iterations) > 1 or summary.termination != "converged"
-    if not len(sigmas_px) or taken:
+    if not len(sigmas_px):
         return []
     usual_px = float(np.median(sigmas_px))
     if summary.initial_rms_px >= _NOTHING_SIGMAS or summary.initial_rms_px * usual_px <= _SOMETHING_PX:

@@ -11,7 +11,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.sensor_stream import FASTEST_M_S
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
-from sfmcpp.sensors.stream import local_medians, require_kind
+from sfmcpp.sensors.stream import local_medians, repeats, require_kind
 
 # The velocity at a step is a median over this time [s] on either side, of at least 2 and at most 5 steps.
 _SPEED_WITHIN_S, _LEAST_REACH, _LARGEST_REACH = 0.5, 2, 5
@@ -149,7 +149,7 @@ def without_repeats(stream: SensorStream) -> SensorStream:
         If the stream is of another kind.
     """
     require_kind(stream, "position", "pose")
-    anew = ~_repeats(stream)
+    anew = ~repeats(stream.values)
     return stream if anew.all() or np.count_nonzero(anew) < _FEWEST_FIXES else stream.only(anew)
 
 
@@ -176,7 +176,7 @@ def longest_lost_fix(stream: SensorStream, sigma_m: float) -> tuple[float, float
     """
     require_kind(stream, "position", "pose")
     require_positive("sigma_m", sigma_m)
-    begins = np.flatnonzero(~_repeats(stream))
+    begins = np.flatnonzero(~repeats(stream.values))
     ends = np.append(begins[1:], len(stream)) - 1
     held_s = stream.t_s[ends] - stream.t_s[begins]
     places = stream.values[begins, :3]
@@ -184,11 +184,6 @@ def longest_lost_fix(stream: SensorStream, sigma_m: float) -> tuple[float, float
     lost = np.where((held_s > _LONG_HELD_S) & (ways > _FAR_SIGMAS * sigma_m), held_s, 0.0)
     longest = int(np.argmax(lost))
     return None if lost[longest] == 0 else (float(stream.t_s[begins[longest]]), float(held_s[longest]))
-
-
-def _repeats(stream: SensorStream) -> NDArray[np.bool_]:
-    """Which measurements (n,) are those before them."""
-    return np.asarray((np.diff(stream.values, axis=0, prepend=np.nan) == 0).all(axis=1))
 
 
 @checked()

@@ -10,6 +10,7 @@ import numpy as np
 
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.sensors.stream import repeats
 
 # Fewer distances between levels, or changes, may be those of a fault.
 _FEWEST_LEVELS, _FEWEST_CHANGES = 4, 20
@@ -52,7 +53,7 @@ def measured_anew(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> Index
     each such time.
     """
     whole = np.arange(len(speeds), dtype=np.int32)
-    begins = np.flatnonzero(np.diff(speeds, prepend=np.nan) != 0)
+    begins = np.flatnonzero(~repeats(speeds))
     lengths = np.diff(begins)
     if len(lengths) < _FEWEST_CHANGES:
         return whole

@@ -15,7 +15,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import ANY, FloatArray, finite_array, require_increasing
+from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array, require_increasing
 
 _RATES = ("speed", "velocity", "angular_rate")
 _PLACES = ("position", "pose")
@@ -160,6 +160,12 @@ def clock_text(offset_s: float, sigma_s: float, reference: str) -> str:
     """What a sensor's clock is beside `reference`, ``"the camera's"``; its stamps lack `offset_s` [s]."""
     side = "behind" if offset_s > 0 else "ahead of"
     return f"its clock is {abs(offset_s):.2f} ± {sigma_s:.2f} s {side} {reference}"
+
+
+def repeats(values: FloatArray) -> BoolArray:
+    """Which of (n,) or (n, K) values are equal to those before them, (n,)."""
+    same = np.diff(values, axis=0, prepend=np.nan) == 0
+    return np.asarray(same if same.ndim == 1 else same.all(axis=1))
 
 
 def local_medians(rows: FloatArray, reach: int) -> FloatArray:

@@ -11,7 +11,7 @@ from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
 from sfmcpp.ba.check import check_part
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.ba.contradictions import contradiction_warnings
-from sfmcpp.ba.options import SolveOptions, takes_options
+from sfmcpp.ba.options import OPTIONS, SolveOptions, takes_options
 from sfmcpp.ba.parts import OwnParts, Scattered, gathered, is_whole_on_root, require_alike
 from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
@@ -142,9 +142,9 @@ def solve(
 def _checked_arguments(
     constraints: Iterable[Group], callback: Callback | None, options: SolveKeywords
 ) -> tuple[list[Group], SolveOptions]:
-    known = inspect.signature(solve).parameters
     for name in options:
-        if name not in known:
+        if name not in OPTIONS:
+            known = inspect.signature(solve).parameters
             raise TypeError(f"solve() got an unexpected keyword argument {name!r}{meant(name, known)}")
     settings = SolveOptions(**options)
     settings.validate()
