@@ -88,6 +88,18 @@ int bound_cores() {
   return static_cast<int>(std::thread::hardware_concurrency());
 }
 
+// Processors that the control groups have time for.
+double granted_processors(const std::string& root) {
+  double granted = std::numeric_limits<double>::infinity();
+  for (const std::string& folder : group_folders(root, "cpu"))
+    granted = std::min(granted, processors_of(folder).value_or(granted));
+  return granted;
+}
+
+int usable(double granted) {
+  return static_cast<int>(std::min<double>(std::max(1, bound_cores()), std::ceil(granted)));
+}
+
 }  // namespace
 
 double memory_limit_bytes(const std::string& root) {
@@ -104,22 +116,6 @@ double memory_limit_bytes() {
   static const double limit = memory_limit_bytes("");
   return limit;
 }
-
-namespace {
-
-// Processors that the control groups have time for.
-double granted_processors(const std::string& root) {
-  double granted = std::numeric_limits<double>::infinity();
-  for (const std::string& folder : group_folders(root, "cpu"))
-    granted = std::min(granted, processors_of(folder).value_or(granted));
-  return granted;
-}
-
-int usable(double granted) {
-  return static_cast<int>(std::min<double>(std::max(1, bound_cores()), std::ceil(granted)));
-}
-
-}  // namespace
 
 int usable_cores(const std::string& root) { return usable(granted_processors(root)); }
 

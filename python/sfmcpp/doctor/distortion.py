@@ -82,9 +82,8 @@ def _finding(given: Problem, freed: Problem, less: float) -> Finding:
     before = float(np.median(held_k1[rows]))
     radii = radii_px(freed)
     row = freed.intrinsics[freed.intrinsics_index]
-    moved = (
-        np.abs(row[:, _K1] - held_k1[freed.intrinsics_index]) * (radii / row[:, _F]) ** 2
-    )  # as a part of the radius
+    more = np.abs(row[:, _K1] - held_k1[freed.intrinsics_index])
+    moved = more * (radii / row[:, _F]) ** 2  # as a part of the radius
     held = bool(given.fixed_intrinsics[rows, _F].all())
     return Finding(
         "wrong-distortion" if before else "missing-distortion",
