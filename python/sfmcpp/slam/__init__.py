@@ -7,6 +7,7 @@ from sfmcpp.slam.measurement import Measurement, MotionSensor
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.path import Path
 from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, SlamResult
+from sfmcpp.slam.scale_drift import scale_sigmas
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam
 from sfmcpp.slam.world_map import Keyframe, WorldMap
@@ -35,4 +36,5 @@ __all__ = [
     "motion_sensors",
     "run",
     "run_slam",
+    "scale_sigmas",
 ]

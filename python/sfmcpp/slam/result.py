@@ -9,7 +9,6 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.frames import Frame
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.path import Path
 from sfmcpp.slam.world_map import WorldMap
@@ -36,6 +35,9 @@ class KeyframeRecord:
         λ of each sensor's constraint.
     conflicts : dict of str to float
         By how many standard deviations each sensor disagrees with the images.
+    step_sigma : float
+        Relative standard deviation of the distance to the keyframe before, by the images alone; 0 where the
+        map is in metres, as sensors hold the scale, or the step is too short to give points.
     selections : list of WeightSelection
         The whole curves that the weights were chosen from, one per sensor.
     """
@@ -43,21 +45,18 @@ class KeyframeRecord:
     frame: int
     t_s: float
     inliers: int
-    new_points: int
+    new_points: int = 0
     milliseconds: dict[str, float] = field(default_factory=dict)
     weights: dict[str, float] = field(default_factory=dict)
     conflicts: dict[str, float] = field(default_factory=dict)
+    step_sigma: float = 0.0
     selections: list[WeightSelection] = field(default_factory=list, repr=False)
 
-    @classmethod
-    def of(
-        cls, frame: Frame, fused: Fused, inliers: int, new_points: int, milliseconds: dict[str, float]
-    ) -> KeyframeRecord:
-        """Make it of a frame that has become a keyframe."""
-        weights = {c.measurement.sensor: c.weight for c in fused.constraints}
-        conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
-        fusion = (weights, conflicts, list(fused.selections))
-        return cls(frame.number, frame.t_s, inliers, new_points, milliseconds, *fusion)
+    def take_fusion(self, fused: Fused) -> None:
+        """Take weights, conflicts and curves from a fusion."""
+        self.weights = {c.measurement.sensor: c.weight for c in fused.constraints}
+        self.conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
+        self.selections = list(fused.selections)
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from sfmcpp.slam.odometer_clock import remember_step
 from sfmcpp.slam.odometer_slip import check_odometers
 from sfmcpp.slam.registration import place_at_end, place_in_world
 from sfmcpp.slam.result import KeyframeRecord, SlamResult
+from sfmcpp.slam.scale_drift import step_sigma, warn_of_scale
 from sfmcpp.slam.sensor_faults import (
     faults_of_coverage,
     faults_of_epochs,
@@ -202,6 +203,7 @@ class Slam:
             self.result.warnings += faults_of_run(self._sensors, self.result.seen_trajectory())
         self.result.warnings += check_positions(self.result, self._sensors)
         self.result.warnings += check_odometers(self.result, self._sensors, self.settings)
+        self.result.warnings += warn_of_scale(self.result)
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""
@@ -311,12 +313,15 @@ class Slam:
     def _add_keyframe(self, frame: Frame, pose: FloatArray, clock: Clock) -> None:
         world = self._world
         inliers = int(np.count_nonzero(world.knows(frame.view.tracks)))
+        record = KeyframeRecord(frame.number, frame.t_s, inliers)
+        if not (self.result.metric or world.stereo):
+            record.step_sigma = step_sigma(world, frame.view, pose, self.settings)
         fused = fuse(world, frame.view, pose, self._measure(frame, pose), self.settings)
         world.add(frame, fused.pose, fused.constraints)
         self.result.path.between.pop(frame.number, None)
         self.result.path.seen_from.pop(frame.number, None)
         clock.lap("weights")
-        new_points = triangulate_new(world, self.settings)
+        record.new_points = triangulate_new(world, self.settings)
         clock.lap("triangulation")
         before = world.poses.copy()
         adjust(world, self.settings)
@@ -329,7 +334,9 @@ class Slam:
         calibrate(self.result, self._sensors, self.settings)
         if len(world.keyframes) % _EVERY == 0:
             self._tell(faults_so_far(self._sensors))
-        self.result.records.append(KeyframeRecord.of(frame, fused, inliers, new_points, dict(clock.laps)))
+        record.take_fusion(fused)
+        record.milliseconds = dict(clock.laps)
+        self.result.records.append(record)
 
     def _tell(self, faults: list[str]) -> None:
         """Replace the warnings of faults of sensors that were given before."""

@@ -13,6 +13,7 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, Trajectory
+from sfmcpp.slam.scale_drift import scale_sigmas
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.trajectories import write_trajectory
@@ -142,12 +143,16 @@ def _true_keyframes(report: SlamReport, keyframes: Trajectory) -> Matched | None
 
 def _draw_scale(report: SlamReport, pairs: Matched, path: Path) -> None:
     """A map in metres is measured as it is, any other once it is aligned."""
-    comparison, found = report.comparison, pairs.estimate
-    if report.run.result.metric or comparison is None:
+    comparison, found, result = report.comparison, pairs.estimate, report.run.result
+    if result.metric or comparison is None:
         save_figure(plot_scale_ratio(pairs), path)
         return
     scaled = found.with_poses(comparison.alignment.similarity.apply_to_poses(found.poses))
-    save_figure(plot_scale_ratio(Matched(scaled, pairs.truth), scaled=report.alignment), path)
+    sigmas = scale_sigmas(result)
+    if sigmas is not None:
+        sigmas = np.interp(found.t_s, result.keyframe_trajectory().t_s, sigmas)
+    figure = plot_scale_ratio(Matched(scaled, pairs.truth), scaled=report.alignment, sigmas=sigmas)
+    save_figure(figure, path)
 
 
 def _scene(report: SlamReport, trajectory: Trajectory, problem: Problem) -> Scene:

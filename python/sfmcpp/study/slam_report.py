@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.slam.scale_drift import scale_sigmas, scale_text
 from sfmcpp.study.evaluation import Evaluation, evaluate
 from sfmcpp.study.report_files import peak_memory_bytes, plain
 from sfmcpp.study.report_table import ReportTable, origin_text
@@ -58,6 +59,12 @@ class SlamReport(ReportTable):
     def drift(self) -> Evaluation | None:
         """The same aligned by its first tenth alone; None of a map in the world of a GPS or an INS."""
         return None if self.run.georeferenced else self._evaluated(_DRIFT)[1]
+
+    @cached_property
+    def _scale_sigma(self) -> float | None:
+        """Standard deviation of log(scale at the end / at the start); None where sensors hold the scale."""
+        sigmas = scale_sigmas(self.run.result)
+        return None if sigmas is None or not len(sigmas) else float(sigmas[-1])
 
     @property
     def alignment(self) -> str:
@@ -108,6 +115,7 @@ class SlamReport(ReportTable):
             "restart_frames": result.restarts,
             "correction_frames": result.corrections,
             "metric": result.metric,
+            "scale_sigma": self._scale_sigma,
             "origin": None if run.origin is None else run.origin.to_dict(),
             "final_adjustment": None if result.final is None else asdict(result.final),
             "warnings": result.warnings,
@@ -153,6 +161,9 @@ class SlamReport(ReportTable):
         yield "map", f"{count['keyframes']:,} keyframes, {count['points']:,} points"
         if run.world is not None and not run.result.metric:
             yield "scale", "arbitrary: metres come from an odometer, a GPS, an INS or --stereo"
+        if self._scale_sigma is not None:
+            told = scale_text(self._scale_sigma)
+            yield "scale drift", f"{told} from start to end (standard deviation, by the images)"
         yield "seconds", f"{run.seconds:.3f} ({run.fps:.0f} frames/s), {self._stages()}"
         if run.real_time_factor is not None:
             drive = f"the drive, which took {run.driven_s:.4g} s"

@@ -149,7 +149,7 @@ def _size_of(extent: FloatArray) -> tuple[float, float]:
     return max(width, _SHORT_SIDE_IN), height + _TEXT_IN
 
 
-def plot_scale_ratio(pairs: Matched, *, scaled: str = "") -> Figure:
+def plot_scale_ratio(pairs: Matched, *, scaled: str = "", sigmas: FloatArray | None = None) -> Figure:
     """Plot the length of each step over that of the true one (thesis eq. 5.25), and a running median.
 
     Parameters
@@ -158,6 +158,9 @@ def plot_scale_ratio(pairs: Matched, *, scaled: str = "") -> Figure:
         Keyframes, in metres or scaled to them, and their true poses. Steps of a standing camera do not count.
     scaled : str
         How the scale was brought to metres, for the legend.
+    sigmas : (n,) float64, optional
+        Standard deviation of the logarithm of the scale at each pose against that at the first one, as the
+        images hold it (:func:`sfmcpp.slam.scale_sigmas`): drawn as a band.
 
     Returns
     -------
@@ -167,6 +170,12 @@ def plot_scale_ratio(pairs: Matched, *, scaled: str = "") -> Figure:
     seconds, ratios = _ratios(pairs)
     figure = new_figure(10, 4)
     axes = figure.subplots()
+    if sigmas is not None and len(ratios):
+        times = pairs.truth.t_s - pairs.truth.t_s[0]
+        start = float(np.median(ratios[:MEDIAN_WIDTH]))
+        band = (start * np.exp(-sigmas), start * np.exp(sigmas))
+        label = "expected of images, ± one standard deviation"
+        axes.fill_between(times, *band, color=COLORS[0], alpha=0.12, linewidth=0, label=label)
     axes.axhline(1.0, color=MUTED, linewidth=1.0, linestyle="--", label="ground truth")
     label = f"step between keyframes{', ' if scaled else ''}{scaled}"
     axes.plot(seconds, ratios, ".", color=COLORS[5], markersize=5, label=label)

@@ -10,7 +10,16 @@ import numpy as np
 import pytest
 
 from sfmcpp.model import Trajectory
-from sfmcpp.slam import KeyframeRecord, SlamResult, SlamRun, SlamSettings, TrackSequence, WorldMap
+from sfmcpp.slam import (
+    Frame,
+    KeyframeRecord,
+    SlamResult,
+    SlamRun,
+    SlamSettings,
+    TrackSequence,
+    View,
+    WorldMap,
+)
 from sfmcpp.sources.drives import Drive
 from sfmcpp.study import SlamReport
 
@@ -89,6 +98,7 @@ def test_the_report_is_plain_and_holds_no_curves() -> None:
         "new_points": 5,
         "milliseconds": {"resection": 1.0},
         "weights": {"odometer": 2.0, "imu": 2.0},
+        "step_sigma": 0.0,
         "conflicts": {"odometer": 4.25, "imu": 0.1},
     }
 
@@ -100,6 +110,25 @@ def test_a_map_without_metres_says_so() -> None:
     assert "scale           arbitrary: metres come from an odometer" in of.table()
     of.run.result.metric = True
     assert "arbitrary" not in of.table()
+
+
+def test_how_well_images_hold_the_scale_is_told_of_maps_that_sensors_do_not_hold() -> None:
+    def told(sigma: float, *, metric: bool = False) -> tuple[str, float | None]:
+        of = measured()
+        of.run.result.metric, of.run.result.restarts = metric, []
+        world = of.run.result.path.world = WorldMap(np.array([500, 1, 320, 240, 0.0]))
+        for frame in range(4):
+            world.add(Frame(frame, 0.1 * frame, View(np.arange(0), np.zeros((0, 2)))), np.eye(3, 4))
+        of.run.result.records[2].step_sigma = sigma
+        return of.table(), of.to_dict()["scale_sigma"]
+
+    text, sigma = told(0.125)
+    assert "scale drift     12 % from start to end" in text
+    assert sigma == 0.125
+    assert "scale drift     a factor of 1.6 from start to end" in told(0.5)[0]
+    text, sigma = told(0.5, metric=True)
+    assert "scale drift" not in text
+    assert sigma is None
 
 
 def test_a_map_in_metres_is_measured_with_its_own_scale_too() -> None:

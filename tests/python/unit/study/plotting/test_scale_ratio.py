@@ -55,3 +55,14 @@ def test_one_wild_step_does_not_move_the_median() -> None:
 def test_a_single_keyframe_is_drawn_empty() -> None:
     one = along_x(np.zeros(1), np.zeros(1))
     assert drawn(plot_scale_ratio(Matched(one, one)))["step between keyframes"].size == 0
+
+
+def test_the_uncertainty_of_the_scale_is_a_band_that_opens() -> None:
+    t_s = np.arange(20.0)
+    pairs = Matched(along_x(t_s, 1.2 * t_s), along_x(t_s, t_s))
+    sigmas = 0.01 * t_s
+    (band,) = plot_scale_ratio(pairs, sigmas=sigmas).axes[0].collections
+    outline = band.get_paths()[0].vertices
+    low, high = outline[outline[:, 0] == 19.0][:, 1].min(), outline[outline[:, 0] == 19.0][:, 1].max()
+    np.testing.assert_allclose([low, high], 1.2 * np.exp([-0.19, 0.19]))
+    assert not plot_scale_ratio(pairs).axes[0].collections
