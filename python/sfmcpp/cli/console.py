@@ -89,9 +89,9 @@ def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
         try:
             return command(*arguments, **options)
         except InvalidArgument as error:
-            from sfmcpp.cli.flags import by_flags
+            from sfmcpp.cli.flags import options_of, with_flags
 
-            return print_error(by_flags(str(error), command))
+            return print_error(with_flags(str(error), options_of(command)))
         except SfmcppError as error:
             return print_error(error)
         except KeyboardInterrupt:

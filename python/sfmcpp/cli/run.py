@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
+from sfmcpp.ba.options import OPTIONS
 from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.console import ExitCode, print_error, print_note
 from sfmcpp.cli.control import Control, control_after_solve
 from sfmcpp.cli.covariances import Precision
-from sfmcpp.cli.flags import RIGS, as_options
+from sfmcpp.cli.flags import RIGS, with_flags
 from sfmcpp.cli.georeferencing import Gps, outcome_after_solve, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
@@ -238,7 +239,7 @@ def _check_options(values: dict[str, Any]) -> None:
     try:
         options.validate()
     except InvalidArgument as error:
-        raise InvalidArgument(as_options(str(error))) from error
+        raise InvalidArgument(with_flags(str(error), OPTIONS)) from error
 
 
 def _solve(job: Job, problem: Problem, groups: Sequence[Group] = (), ranks: Ranks | None = None) -> Summary:
@@ -256,7 +257,7 @@ def _solve(job: Job, problem: Problem, groups: Sequence[Group] = (), ranks: Rank
                 **job.options,
             )
     except InvalidArgument as error:
-        raise DatasetError(job.source, as_options(str(error))) from error
+        raise DatasetError(job.source, with_flags(str(error), OPTIONS)) from error
 
 
 def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[DatasetError]:
