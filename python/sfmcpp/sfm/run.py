@@ -279,8 +279,7 @@ def _scene_of_photos(
     )
     graph, copies = without_resized_copies(graph)
     run.warnings += warnings_of_copies(copies, "of another size")
-    kept = {photo.name for photo in graph.photos}
-    if len(kept) < len(found.photos):
+    if len(graph.photos) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
     with run.timed("mapping"):
         graph = with_turned_cameras(graph, cameras)
