@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 P = ParamSpec("P")
-# Controls, of which names may hold any, and marks that turn the direction of what follows.
+# Control characters, which names of files may have, and marks that change the direction of text.
 _OBEYED = re.compile(
     r"\x1b(?!\[[\d;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]"
 )
