@@ -196,7 +196,7 @@ def _lens_entries(lenses: list[WrittenLens], objects_before: int) -> Iterator[di
     classes: dict[str, int] = {}
     for row, lens in enumerate(lenses):
         where, names = _DISTORTIONS[lens.model]
-        data = {**lens.named_size, "focal_length": lens.values["f"]}
+        data: dict[str, Any] = {**lens.named_size, "focal_length": lens.values["f"]}
         data["principal_point"] = [lens.values["cx"], lens.values["cy"]]
         if names:
             data[where] = [lens.values[name] for name in names]
