@@ -86,3 +86,14 @@ def test_pairs_follow_on_each_other_or_start_everywhere(all_pairs: bool, count: 
 def test_a_distance_that_no_pair_has_is_refused(delta: float, unit: str, told: str) -> None:
     with pytest.raises(InvalidArgument, match=told):
         rpe(line(1, 1, 1), line(1, 1, 1), delta, unit)
+
+
+def test_an_evaluation_prints_itself_in_a_line() -> None:
+    poses = np.tile(np.eye(3, 4), (30, 1, 1))
+    poses[:, :, 3] = np.random.default_rng(0).normal(size=(30, 3))
+    truth = Trajectory(np.arange(30.0), poses)
+    found = evaluate(truth, truth)
+    for text in (str(found), repr(found)):
+        assert text.startswith("Evaluation(30 pairs of poses, aligned with scale: mean 3-D error ")
+        assert "\n" not in text
+        assert len(text) < 120
