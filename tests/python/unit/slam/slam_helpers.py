@@ -23,11 +23,6 @@ def sequence_of(problem: Problem) -> TrackSequence:
     )
 
 
-def tracks_of(drive: KittiDrive) -> TrackSequence:
-    """Tracks of the left camera of a real drive."""
-    return TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics)
-
-
 def error_m(result: SlamResult, drive: KittiDrive) -> float:
     """Mean distance from the truth, in the world and the metres of the run."""
     return evaluate(result.trajectory(), drive.truth, with_scale=False).mean_3d_error_m

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gyroscope, Odometer, SlamResult, run_slam
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, run_slam
+from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from slam_helpers import error_m, tracks_of
+from slam_helpers import error_m
 
 pytestmark = pytest.mark.real
 
@@ -26,10 +27,10 @@ def run(drive: KittiDrive, late_s: float, kind: str = "velocity", *, gyro: bool 
     stream = drive.velocity
     if kind == "speed":
         stream = replace(stream, values=np.linalg.norm(stream.values, axis=1, keepdims=True), kind=kind)
-    sensors = [Odometer(stream.shifted(late_s), mounting=mounting)]
-    return run_slam(
-        tracks_of(drive), sensors=[*sensors, *([Gyroscope(drive.angular_rate, mounting)] if gyro else [])]
-    )
+    sensors: list[MotionSensor] = [Odometer(stream.shifted(late_s), mounting=mounting)]
+    if gyro:
+        sensors.append(Gyroscope(drive.angular_rate, mounting))
+    return run_slam(tracks_of_kitti(drive), sensors=sensors)
 
 
 @pytest.mark.parametrize("late_s", [-0.5, 0.5])

@@ -11,8 +11,9 @@ import pytest
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Mounting
 from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
+from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from slam_helpers import error_m, tracks_of
+from slam_helpers import error_m
 
 pytestmark = pytest.mark.real
 
@@ -33,7 +34,7 @@ def run(drive: KittiDrive, factor: float, *, gyro: bool, settings: SlamSettings 
     mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
     sensors: list[MotionSensor] = [Odometer(slipping(drive.velocity, factor), mounting=mounting)]
     return run_slam(
-        tracks_of(drive), settings, [*sensors, *([Gyroscope(drive.angular_rate, mounting)] * gyro)]
+        tracks_of_kitti(drive), settings, [*sensors, *([Gyroscope(drive.angular_rate, mounting)] * gyro)]
     )
 
 
