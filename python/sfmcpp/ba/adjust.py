@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sfmcpp import _core
-from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
+from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.check import with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.doubtful_input import (
@@ -83,7 +83,7 @@ def adjust(
     about_functions = list(warnings_about_functions(problem, constraints))
     given = number_array("intrinsics", problem.intrinsics).copy()
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
-    unit = unit_of_residuals([has_own_sigmas(arrays)])
+    unit = _unit_of_residuals([_has_own_sigmas(arrays)])
     summary = replace(_summary(core, options), rms_unit=unit)
     calibration = warnings_about_calibration(problem, given)
     if unit == "px" and not calibration:  # which explains the result
@@ -156,7 +156,7 @@ def adjust_on_ranks(
         core = _core.solve(arrays, own, listener, *_save_and_resume(checkpoints), exchange)
         parts.collect()
         ranks.agreed(listener.reraise)
-        unit = unit_of_residuals(ranks.everyones(has_own_sigmas(arrays)))
+        unit = _unit_of_residuals(ranks.everyones(_has_own_sigmas(arrays)))
         summary = replace(_summary(core, options), rms_unit=unit)
         loads = ranks.everyones(_rank_load(parts.mine, core, exchange))
         iterations = listener.all_with_bytes(summary.iterations)
@@ -233,6 +233,19 @@ def _rank_load(part: Problem, core: _core.CoreSummary, exchange: _core.Communica
 
 def _arrays(problem: Problem, constraints: Sequence[Group]) -> dict[str, Any]:
     return {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
+
+
+def _has_own_sigmas(arrays: dict[str, Any]) -> bool:
+    """Whether any observation of a problem's arrays has another σ than 1 px."""
+    sigma = arrays["sigma_px"]
+    return arrays["covariance_px2"] is not None or (
+        sigma is not None and bool((np.asarray(sigma) != 1).any())
+    )
+
+
+def _unit_of_residuals(own_sigmas: Iterable[bool]) -> str:
+    """Unit of residuals: pixels, or σ if any part of a problem has its own."""
+    return "σ" if any(own_sigmas) else "px"
 
 
 def _run_facts(
