@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scaling.one_run import status_bytes
 
 import sfmcpp
 from sfmcpp.ba import LINEAR_SOLVERS
@@ -103,7 +104,7 @@ def run(shape: str, solver: str) -> Record:
     The first solve of a process waits for memory that nothing has touched, at times longer than it computes.
     """
     problem = SHAPES[shape][1]() if shape in SHAPES else sfmcpp.read(shape)
-    resident = memory("VmRSS")
+    resident = status_bytes("VmRSS")
     Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
     summary = sfmcpp.solve(problem.copy(), linear_solver=solver, **LIMITS)
     for _ in range(REPEATS if summary.seconds_total < WORTH_REPEATING_S else 0):
@@ -116,15 +117,9 @@ def run(shape: str, solver: str) -> Record:
         "forecast": [vars(forecast) for forecast in summary.linear_solver_forecast],
         "seconds_setup": summary.seconds_setup,
         "trace": [[s.seconds, s.cost, s.linear_solver_iterations] for s in summary.iterations],
-        "peak_bytes": memory("VmHWM") - resident,
+        "peak_bytes": status_bytes("VmHWM") - resident,
         "size": [problem.num_cameras, problem.num_points, problem.num_observations],
     }
-
-
-def memory(key: str) -> int:
-    """What Linux counts of this process [bytes]."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(key))
 
 
 def in_a_process(shape: str, solver: str) -> Record:

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from experiments.catalogue import names, other_names, titles
-from experiments.description import Experiment, ExperimentError, load
+from experiments.description import Experiment, ExperimentError, load, names, other_names, titles
 from experiments.kinds import KINDS
 
 from sfmcpp import SfmcppError

@@ -1,4 +1,4 @@
-"""An experiment as its TOML file describes it."""
+"""Experiments as their TOML files describe them, and which there are."""
 
 from __future__ import annotations
 
@@ -85,6 +85,21 @@ def load(name: str, runs: int | None = None) -> Experiment:
     """Load an experiment by name, with another number of runs if given."""
     experiment = Experiment(name=name, **_read(FOLDER / f"{name}.toml"))
     return experiment if runs is None else replace(experiment, runs=runs)
+
+
+def names() -> list[str]:
+    """Names of all experiments, sorted."""
+    return sorted(path.stem for path in FOLDER.glob("*.toml") if path != METHODS_FILE)
+
+
+def titles() -> dict[str, str]:
+    """Names and titles of all experiments."""
+    return {name: load(name).title for name in names()}
+
+
+def other_names() -> dict[str, str]:
+    """Further names, and the experiment that each stands for."""
+    return {other: name for name in names() for other in load(name).also}
 
 
 def _read(path: Path) -> Row:

@@ -21,6 +21,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Mounting, measured_at, orientations, pose_stream_values, rotation_increment
 from sfmcpp.slam import Gps, Gyroscope, Ins, MotionSensor, Odometer, TrackSequence
 from sfmcpp.slam.measurement import Measurement
+from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.synthetic import DRIVES, SyntheticDrive
 
@@ -142,9 +143,7 @@ def sequence_of(drive: Drive, stereo: bool = False) -> TrackSequence:
     """Tracks of its one camera, the left one; with `stereo` of both of KITTI's."""
     if not isinstance(drive, KittiDrive):
         return TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.pixels, drive.intrinsics)
-    right = (drive.right_px, drive.baseline_m) if stereo else ()
-    seen = (drive.frame_index, drive.track_index, drive.left_px)
-    return TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
+    return tracks_of_kitti(drive, stereo=stereo)
 
 
 def mounting_of(drive: Drive) -> Mounting:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sfmcpp import _core
-from sfmcpp.ba.arrays import core_arrays, core_constraints, has_own_sigmas, unit_of_residuals
+from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.check import with_ids_of_points
 from sfmcpp.ba.checkpoints import CheckpointStore, RankCheckpoints, RunCheckpoints, digest, facts_of_run
 from sfmcpp.ba.doubtful_input import (
     warnings_about_calibration,
+    warnings_about_functions,
+    warnings_about_loss,
     warnings_about_result,
     warnings_about_sigmas,
 )
@@ -22,23 +24,13 @@ from sfmcpp.ba.parts import OwnParts, Scattered, require_alike
 from sfmcpp.ba.ranks import Ranks, interrupts_held
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import CameraFunction, LossFunction, Problem
+from sfmcpp.model import LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import number_array
 from sfmcpp.model.camera_models import require_named
 from sfmcpp.model.residual_group import Group, ResidualGroup, require_kinds
 
 Callback = Callable[[Iteration], "bool | None"]
-
-# Of what a function gives when called again, and of its derivatives against differences, as shares of the
-# largest: threads inside the function may round in another order.
-_LARGEST_CHANGE = 1e-10
-_LARGEST_DERIVATIVE_ERROR = 1e-3
-_LITTLE_WEIGHT, _LARGEST_SHARE = 0.1, 0.5
-# Tukey's weight is little from 0.83 of its scale on, that of all others with a name only farther out. If most
-# errors are as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to
-# be counted. Of a function nobody knows where its weight falls.
-_LEAST_RMS = 0.4
 
 
 @checked()
@@ -88,19 +80,22 @@ def adjust(
         lambda: _run_facts(problem, constraints, arrays, options),
         _checkpoint_bytes(arrays),
     )
-    doubtful = list(_function_warnings(problem, constraints))
+    about_functions = list(warnings_about_functions(problem, constraints))
     given = number_array("intrinsics", problem.intrinsics).copy()
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
-    unit = unit_of_residuals([has_own_sigmas(arrays)])
+    unit = _unit_of_residuals([_has_own_sigmas(arrays)])
     summary = replace(_summary(core, options), rms_unit=unit)
-    about_loss = loss_weight_warnings(arrays, summary)
     calibration = warnings_about_calibration(problem, given)
     if unit == "px" and not calibration:  # which explains the result
         calibration += warnings_about_result(problem, summary)
-    about_sigmas = warnings_about_sigmas(problem, summary)
-    about_input = with_ids_of_points(summary.warnings, problem)
-    about_run = [*about_sigmas, *about_loss, *checkpoints.warnings]
-    warnings = [*about_input, *doubtful, *calibration, *about_run]
+    warnings = [
+        *with_ids_of_points(summary.warnings, problem),
+        *about_functions,
+        *calibration,
+        *warnings_about_sigmas(problem, summary),
+        *warnings_about_loss(arrays, summary),
+        *checkpoints.warnings,
+    ]
     return replace(summary, warnings=warnings)
 
 
@@ -161,38 +156,15 @@ def adjust_on_ranks(
         core = _core.solve(arrays, own, listener, *_save_and_resume(checkpoints), exchange)
         parts.collect()
         ranks.agreed(listener.reraise)
-        unit = unit_of_residuals(ranks.everyones(has_own_sigmas(arrays)))
+        unit = _unit_of_residuals(ranks.everyones(_has_own_sigmas(arrays)))
         summary = replace(_summary(core, options), rms_unit=unit)
         loads = ranks.everyones(_rank_load(parts.mine, core, exchange))
         iterations = listener.all_with_bytes(summary.iterations)
-        about_loss = loss_weight_warnings(arrays, summary, ranks)
+        about_loss = warnings_about_loss(arrays, summary, ranks)
         if summary.termination == "interrupted":
             waiting.clear()  # those of all ranks are one, whenever they come
     warnings = [*summary.warnings, *about_loss, *checkpoints.warnings]
     return replace(summary, iterations=iterations, ranks=loads, warnings=warnings)
-
-
-def _function_warnings(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
-    """Warnings about user functions whose values or derivatives, at the start, cannot be right."""
-    functions: dict[str, ResidualGroup | CameraFunction] = {
-        f"constraints[{group.name!r}]": group for group in constraints if isinstance(group, ResidualGroup)
-    }
-    if isinstance(model := problem.camera_model, CameraFunction):
-        functions[f"camera_model {model.name!r}"] = model
-    for name, function in functions.items():
-        change = function.change_when_repeated(problem)
-        if change > _LARGEST_CHANGE:
-            yield (
-                f"{name}: its function gives other values when it is called again, by {100 * change:.2g} % "
-                "of the largest: must depend on its arguments only"
-            )
-            continue  # differences of such values say nothing of derivatives
-        error = function.derivative_error(problem)
-        if error > _LARGEST_DERIVATIVE_ERROR:
-            yield (
-                f"{name}: the derivatives that its function gives are off by "
-                f"{100 * error:.2g} % of the largest from differences: are signs, order and unit right?"
-            )
 
 
 def _require_names_of_losses(constraints: Sequence[Group], options: SolveOptions, what: str) -> None:
@@ -263,6 +235,19 @@ def _arrays(problem: Problem, constraints: Sequence[Group]) -> dict[str, Any]:
     return {**core_arrays(problem), "constraints": core_constraints(constraints, problem)}
 
 
+def _has_own_sigmas(arrays: dict[str, Any]) -> bool:
+    """Whether any observation of a problem's arrays has another σ than 1 px."""
+    sigma = arrays["sigma_px"]
+    return arrays["covariance_px2"] is not None or (
+        sigma is not None and bool((np.asarray(sigma) != 1).any())
+    )
+
+
+def _unit_of_residuals(own_sigmas: Iterable[bool]) -> str:
+    """Unit of residuals: pixels, or σ if any part of a problem has its own."""
+    return "σ" if any(own_sigmas) else "px"
+
+
 def _run_facts(
     problem: Problem, constraints: Sequence[Group], arrays: dict[str, Any], options: SolveOptions
 ) -> dict[str, Any]:
@@ -300,22 +285,3 @@ def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
 def continues_after(answer: object) -> bool:
     """Whether a run continues after this answer of a callback: only False, Python's or NumPy's, stops it."""
     return not isinstance(answer, bool | np.bool_) or bool(answer)
-
-
-def loss_weight_warnings(arrays: dict[str, Any], summary: Summary, ranks: Ranks | None = None) -> list[str]:
-    """Warning if most observations have hardly any weight by the loss; each rank has a part of the arrays."""
-    is_small = summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px
-    if summary.loss == "squared" or (is_small and not isinstance(summary.loss, LossFunction)):
-        return []
-    squared = np.square(_core.residuals(arrays)).sum(axis=1)
-    _, weights, _ = _core.loss_terms(summary.loss, summary.loss_scale_px, squared)
-    counts = np.array([np.count_nonzero(weights < _LITTLE_WEIGHT), len(weights)])
-    little, count = counts if ranks is None else np.sum(ranks.everyones(counts), axis=0)
-    if little <= _LARGEST_SHARE * count:
-        return []
-    instead = "" if summary.loss == "auto" else ', or loss "auto"'
-    share, scale = f"{little / count:.0%}", f"{summary.loss_scale_px:.4g} {summary.rms_unit}"
-    return [
-        f"{share} of the observations are beyond the scale of the loss ({scale}) and have less than a tenth "
-        f"of their weight: start from a better state, with a larger scale{instead}"
-    ]

@@ -93,19 +93,6 @@ def _constraint_values(group: ConstraintGroup) -> dict[str, Any]:
     }
 
 
-def has_own_sigmas(arrays: dict[str, Any]) -> bool:
-    """Whether any observation of a problem's arrays has another σ than 1 px."""
-    sigma = arrays["sigma_px"]
-    return arrays["covariance_px2"] is not None or (
-        sigma is not None and bool((np.asarray(sigma) != 1).any())
-    )
-
-
-def unit_of_residuals(own_sigmas: Iterable[bool]) -> str:
-    """Unit of residuals: pixels, or σ if any part of a problem has its own."""
-    return "σ" if any(own_sigmas) else "px"
-
-
 def chosen_numbers(name: str, value: ArrayLike | Literal["all"], count: int) -> IndexArray:
     """Numbers of some of `count` cameras or points; "all" is every one."""
     if isinstance(value, str):

@@ -15,7 +15,7 @@ from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arguments import checked
 
-# They say how far a run goes and what it may use, and nothing of its steps.
+# Limits of a run, which do not change its steps.
 _MAY_CHANGE = ("threads", "max_iterations", "max_seconds")
 
 # Gives the arrays of where a run stands.

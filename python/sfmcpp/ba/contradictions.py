@@ -53,7 +53,7 @@ def contradiction_warnings(
     ended = summary.termination in ("converged", "stalled")
     if not ended or not any(_may_be_far(group, summary) for group in groups):
         return []
-    # The images matter as the rest alone, so their loss does not.
+    # Distances from what groups say do not depend on the loss of the images.
     options = SolveOptions(**{**options.to_dict(), "loss": "squared", "loss_scale_px": 1.0})
     plain = LinearModel(problem, [_by_squares(g) for g in groups], options)
     sigmas = [_sigmas(rows, g.num_members) for rows, g in zip(plain.groups, groups, strict=True)]
@@ -71,7 +71,7 @@ def _may_be_far(group: Group, summary: Summary) -> bool:
     if group.loss == _SQUARED:
         return cost > FAR_SIGMAS**2
     weighted = np.count_nonzero(np.atleast_2d(group.member_weights.T).any(axis=0))
-    # With a smaller scale a member costs less, and the default of every loss is above one.
+    # The default scales are above one, and with a smaller scale a member costs less: a lower bound.
     scale = 1.0 if group.loss_scale is None else group.loss_scale
     of_far = _core.loss_terms(group.loss, scale, np.array([FAR_SIGMAS**2]))[0][0]
     return bool(cost > _FAR_SHARE * weighted * of_far)

@@ -1,16 +1,20 @@
-"""Warnings of calibrations and starts that cannot be right, though a solve may converge with them."""
+"""Warnings of input that cannot be right, though a solve may converge with it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp import _core
+from sfmcpp.ba.ranks import Ranks
 from sfmcpp.ba.summary import Summary
-from sfmcpp.model import Problem
+from sfmcpp.model import CameraFunction, LossFunction, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.residual_group import Group, ResidualGroup
 from sfmcpp.model.uncertainty import Whitener
 
 # Pixels so far outside their image, in its larger side, are no rounding. Of images twice as large, whose
@@ -25,6 +29,15 @@ _FAR_PX, _NO_FIT = 20.0, 0.02
 _MANY_BEHIND = 0.01
 # Residuals of less than so many σ, and yet of more than so many pixels, tell nothing beside such a σ.
 _NOTHING_SIGMAS, _SOMETHING_PX = 1e-3, 1e-2
+# Of what a function gives when called again, and of its derivatives against differences, as shares of the
+# largest: threads inside the function may round in another order.
+_LARGEST_CHANGE = 1e-10
+_LARGEST_DERIVATIVE_ERROR = 1e-3
+_LITTLE_WEIGHT, _LARGEST_SHARE = 0.1, 0.5
+# Tukey's weight is little from 0.83 of its scale on, that of all others with a name only farther out. If most
+# errors are as large, the RMS of a coordinate is at least this part of the scale: below it nothing needs to
+# be counted. Of a function nobody knows where its weight falls.
+_LEAST_RMS = 0.4
 
 
 def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list[str]:
@@ -101,6 +114,74 @@ def warnings_about_sigmas(problem: Problem, summary: Summary) -> list[str]:
     return [
         f"gradient_tolerance was met before the first step, residuals are {summary.initial_rms_px:.1g} σ: "
         f"the σ of observations ({usual_px:.3g} px in the median) are so large that they say nothing"
+    ]
+
+
+def warnings_about_functions(problem: Problem, constraints: Sequence[Group]) -> Iterator[str]:
+    """Warn of functions of the user whose values or derivatives at the start cannot be right.
+
+    Parameters
+    ----------
+    problem : Problem
+        The start.
+    constraints : sequence of ConstraintGroup or ResidualGroup
+        All groups.
+
+    Yields
+    ------
+    str
+    """
+    functions: dict[str, ResidualGroup | CameraFunction] = {
+        f"constraints[{group.name!r}]": group for group in constraints if isinstance(group, ResidualGroup)
+    }
+    if isinstance(model := problem.camera_model, CameraFunction):
+        functions[f"camera_model {model.name!r}"] = model
+    for name, function in functions.items():
+        change = function.change_when_repeated(problem)
+        if change > _LARGEST_CHANGE:
+            yield (
+                f"{name}: its function gives other values when it is called again, by {100 * change:.2g} % "
+                "of the largest: must depend on its arguments only"
+            )
+            continue  # differences of such values say nothing of derivatives
+        error = function.derivative_error(problem)
+        if error > _LARGEST_DERIVATIVE_ERROR:
+            yield (
+                f"{name}: the derivatives that its function gives are off by "
+                f"{100 * error:.2g} % of the largest from differences: are signs, order and unit right?"
+            )
+
+
+def warnings_about_loss(arrays: dict[str, Any], summary: Summary, ranks: Ranks | None = None) -> list[str]:
+    """Warn where most observations have hardly any weight by the loss.
+
+    Parameters
+    ----------
+    arrays : dict
+        Of the problem as the solve has left it.
+    summary : Summary
+        Of that solve.
+    ranks : Ranks, optional
+        The processes of which each has a part of the arrays; each calls this.
+
+    Returns
+    -------
+    list of str
+    """
+    is_small = summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px
+    if summary.loss == "squared" or (is_small and not isinstance(summary.loss, LossFunction)):
+        return []
+    squared = np.square(_core.residuals(arrays)).sum(axis=1)
+    _, weights, _ = _core.loss_terms(summary.loss, summary.loss_scale_px, squared)
+    counts = np.array([np.count_nonzero(weights < _LITTLE_WEIGHT), len(weights)])
+    little, count = counts if ranks is None else np.sum(ranks.everyones(counts), axis=0)
+    if little <= _LARGEST_SHARE * count:
+        return []
+    instead = "" if summary.loss == "auto" else ', or loss "auto"'
+    share, scale = f"{little / count:.0%}", f"{summary.loss_scale_px:.4g} {summary.rms_unit}"
+    return [
+        f"{share} of the observations are beyond the scale of the loss ({scale}) and have less than a tenth "
+        f"of their weight: start from a better state, with a larger scale{instead}"
     ]
 
 

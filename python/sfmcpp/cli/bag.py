@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sfmcpp.cli.console import (
-    ExitCode,
-    print_note,
-    print_result,
-    progress_is_seen,
-    stderr_console,
-    with_exit_code,
-)
+from sfmcpp.cli.console import ExitCode, print_note, print_result, with_exit_code
 from sfmcpp.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from sfmcpp.sources.bags import Bag, UnpackedBag
-    from sfmcpp.sources.bags.unpack import Progress
 
 Source = Annotated[
     Path,
@@ -59,6 +50,7 @@ def bag(
 
     Images, their calibration, gyroscope (Imu), GPS (NavSatFix) and odometer (Odometry, TwistStamped).
     """
+    from sfmcpp.cli.display import shown_stages
     from sfmcpp.sources.bags import open_bag, unpack_bag
 
     if output is None:
@@ -70,7 +62,8 @@ def bag(
                 f"\nsfmcpp bag {shlex.quote(str(source))} -o DIR   makes files of it for sfmcpp slam"
             )
         return ExitCode.DONE
-    with _shown_progress(quiet) as progress:
+    with shown_stages(quiet=quiet) as show:
+        progress = partial(show, "messages")
         made = unpack_bag(source, output, topics=topic or (), camera=not no_camera, progress=progress)
     if not quiet:
         _print_made(made)
@@ -127,17 +120,3 @@ def slam_command(made: UnpackedBag) -> str:
     if made.gps_sigma_m is not None:
         words += ["--sensor-sigma", f"gps={made.gps_sigma_m:.3g}"]
     return shlex.join(["sfmcpp", "slam", *words, "-o", str(made.folder / "slam")])
-
-
-@contextmanager
-def _shown_progress(quiet: bool) -> Iterator[Progress | None]:
-    """Show how many messages are done, on a terminal only."""
-    if quiet or not progress_is_seen():
-        yield None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn
-
-    columns = (BarColumn(bar_width=12), TextColumn("message {task.completed:,} of {task.total:,}"))
-    with Progress(*columns, console=stderr_console(), transient=True) as shown:
-        task = shown.add_task("", total=1)
-        yield lambda done, total: shown.update(task, completed=done, total=total)

@@ -12,7 +12,7 @@ import typer
 
 from sfmcpp._core import SolveOption
 from sfmcpp.ba.options import signature_with_options
-from sfmcpp.cli.flags import flag
+from sfmcpp.cli.flags import flag_of
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -97,7 +97,7 @@ def _annotation(option: SolveOption) -> Any:
         type_ = type_ | None
     if option.unit == "bytes":
         type_, look["parser"], look["metavar"] = Any, _number_of_bytes, "BYTES|8GB|…"
-    return Annotated[type_, typer.Option(flag(option), **look)]
+    return Annotated[type_, typer.Option(flag_of(option.name), **look)]
 
 
 _BYTES = {"": 1, "B": 1}
@@ -126,7 +126,7 @@ def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:
         except ValueError:
             raise typer.BadParameter(
                 f"{text!r} is neither a number of {option.unit} nor {option.unset!r}",
-                param_hint=f"'{flag(option)}'",
+                param_hint=f"'{flag_of(option.name)}'",
             ) from None
 
     return read

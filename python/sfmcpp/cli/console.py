@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 P = ParamSpec("P")
-# Controls, of which names may hold any, and marks that turn the direction of what follows.
+# Control characters, which names of files may have, and marks that change the direction of text.
 _OBEYED = re.compile(
     r"\x1b(?!\[[\d;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]"
 )
@@ -89,9 +89,9 @@ def with_exit_code(command: Callable[P, ExitCode]) -> Callable[P, ExitCode]:
         try:
             return command(*arguments, **options)
         except InvalidArgument as error:
-            from sfmcpp.cli.flags import by_flags
+            from sfmcpp.cli.flags import options_of, with_flags
 
-            return print_error(by_flags(str(error), command))
+            return print_error(with_flags(str(error), options_of(command)))
         except SfmcppError as error:
             return print_error(error)
         except KeyboardInterrupt:

@@ -67,7 +67,7 @@ def _dispatch(arguments: list[str]) -> int:
         return print_interrupted()
     except SystemExit:  # whoever read the help has gone; commands end so themselves
         return ExitCode.DONE
-    # Typer ends without a word where arguments are read; a command has had its own.
+    # Typer prints nothing on Ctrl-C while it reads arguments; a command has printed its own line.
     if result == ExitCode.INTERRUPTED and not isinstance(result, ExitCode):
         return print_interrupted()
     return int(result or ExitCode.DONE)

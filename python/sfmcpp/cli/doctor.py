@@ -87,11 +87,9 @@ def _diagnose_problem(problem: Problem, solve: bool) -> Diagnosis:
         return stoppable(lambda: diagnose(problem))
     copy = problem.copy()
     try:
-        summary = solved(copy)
+        summary = solved(copy).require_uninterrupted()
     except InvalidArgument:  # what a solve refuses is a finding
         return stoppable(lambda: diagnose(problem))
-    if summary.termination == "interrupted":
-        raise KeyboardInterrupt
     return stoppable(lambda: diagnose(copy, summary=summary))
 
 

@@ -102,17 +102,20 @@ def evaluate(
         "all_pairs": all_pairs,
     }
     targets = Targets(None, report, plot)
-    if format is None and names_images(source):
-        return evaluate_model_files(source, truth, truth_format, options, targets, quiet)
-    found = _evaluated((source, format), (truth, truth_format), options, targets)
-    _write({"path": str(source), "truth": str(truth)}, found, targets)
+    found: Evaluation | ModelEvaluation
+    if format is None and _names_images(source):
+        found = _evaluated_model(source, truth, truth_format, options, targets)
+        rows = _model_rows(source, truth, found, targets)
+    else:
+        found = _evaluated_trajectory((source, format), (truth, truth_format), options, targets)
+        rows = _trajectory_rows(source, truth, found, targets)
+    _write(source, truth, found, targets)
     if not quiet:
-        rows = _rows(source, truth, found, targets)
         print_result("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
     return ExitCode.DONE
 
 
-def _evaluated(
+def _evaluated_trajectory(
     ours: tuple[Path, str | None], true: tuple[Path, str | None], options: dict[str, Any], targets: Targets
 ) -> Evaluation:
     """Read both, a file and its format each, and compare them; all that can be checked is checked before."""
@@ -130,7 +133,7 @@ def _evaluated(
 
 
 def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> None:
-    if ours.exists() and true_format is None and names_images(true):
+    if ours.exists() and true_format is None and _names_images(true):
         raise DatasetError(
             ours,
             f"is taken for a trajectory, but the truth {true} for a model: only a model (a COLMAP folder, a "
@@ -138,19 +141,24 @@ def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> No
         )
 
 
-def _write(names: dict[str, str], found: Evaluation, targets: Targets) -> None:
+def _write(ours: Path, true: Path, found: Evaluation | ModelEvaluation, targets: Targets) -> None:
     if targets.report is not None:
         from sfmcpp.study.report_files import write_report
 
-        write_report({"input": names, **found.to_dict()}, targets.report)
+        content = {"input": {"path": str(ours), "truth": str(true)}, **found.to_dict()}
+        write_report(content, targets.report)
     if targets.picture is not None:
+        from sfmcpp.study.evaluation import Evaluation
         from sfmcpp.study.plotting import save_figure
-        from sfmcpp.study.plotting.evaluations import plot_evaluation
+        from sfmcpp.study.plotting.evaluations import plot_evaluation, plot_model_evaluation
 
-        save_figure(plot_evaluation(found), targets.picture)
+        figure = plot_evaluation(found) if isinstance(found, Evaluation) else plot_model_evaluation(found)
+        save_figure(figure, targets.picture)
 
 
-def _rows(trajectory: Path, truth: Path, found: Evaluation, targets: Targets) -> Iterator[tuple[str, str]]:
+def _trajectory_rows(
+    trajectory: Path, truth: Path, found: Evaluation, targets: Targets
+) -> Iterator[tuple[str, str]]:
     """Names and values; lines of the tables of errors have no name."""
     content, alignment = found.to_dict(), found.alignment
     scaled = f", scale {alignment.similarity.scale:.6g}" if alignment.with_scale else ""
@@ -185,32 +193,11 @@ def _error_table(title: str, content: dict[str, Any]) -> list[str]:
     return [f"{title:<22}{header}", *rows]
 
 
-def names_images(path: Path) -> bool:
+def _names_images(path: Path) -> bool:
     """Whether `path` is a model or a truth with named images, by its name and kind."""
     from sfmcpp.study.evaluation.image_poses import is_problem_file
 
     return path.is_dir() or (path.exists() and is_problem_file(path))
-
-
-def evaluate_model_files(
-    model: Path, truth: Path, truth_format: str | None, options: dict[str, Any], targets: Targets, quiet: bool
-) -> ExitCode:
-    """Measure the model, write what is wanted, and print a table."""
-    found = _evaluated_model(model, truth, truth_format, options, targets)
-    if targets.report is not None:
-        from sfmcpp.study.report_files import write_report
-
-        content = {"input": {"path": str(model), "truth": str(truth)}, **found.to_dict()}
-        write_report(content, targets.report)
-    if targets.picture is not None:
-        from sfmcpp.study.plotting import save_figure
-        from sfmcpp.study.plotting.evaluations import plot_model_evaluation
-
-        save_figure(plot_model_evaluation(found), targets.picture)
-    if not quiet:
-        rows = _model_rows(model, truth, found, targets)
-        print_result("\n".join(f"{name:<16}{value}" if name else value for name, value in rows))
-    return ExitCode.DONE
 
 
 def _evaluated_model(

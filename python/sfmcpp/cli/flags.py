@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import Any
-
-from sfmcpp._core import SolveOption
-from sfmcpp.ba.options import OPTIONS
 
 # What holds the cameras of a rig to each other.
 RIGS = ("fixed", "free", "ignore")
@@ -19,41 +16,34 @@ _OTHER_NAMES = {
     "sensor_columns": "sensor_column",
     "clock_offset_s": "clock_offset",
 }
-_NAMED = re.compile(r"(\w+)(?:\['(\w+)'\])?(:| = )")
+_NAMED = re.compile(r"\b(\w+)(?:\['(\w+)'\])? = |^(\w+): ")
 
 
 def flag_of(name: str) -> str:
-    """Option on the command line of a parameter in Python."""
-    return "--" + name.replace("_", "-")
+    """Option on the command line of a parameter in Python; numbers of bytes are given there with a unit."""
+    return "--" + name.removesuffix("_bytes").replace("_", "-")
 
 
-def flag(option: SolveOption) -> str:
-    """Name of an option of a solve on the command line."""
-    return flag_of(option.name.removesuffix("_bytes") if option.unit == "bytes" else option.name)
+def with_flags(message: str, options: Container[str]) -> str:
+    """A message ``name = value: rule`` or ``name: rule`` with those of the `options` as they are given."""
+
+    def given(found: re.Match[str]) -> str:
+        argument, key, alone = found.groups()
+        name = _OTHER_NAMES.get(argument or alone, argument or alone)
+        if name not in options:
+            return found[0]
+        return flag_of(name) + (": " if alone else f" {key}=" if key else " ")
+
+    return _NAMED.sub(given, message)
 
 
-def as_options(text: str) -> str:
-    """A message of a solve, ``name = value: rule``, with options as the command line has them."""
-    for option in OPTIONS.values():
-        text = re.sub(rf"\b{option.name} = ", f"{flag(option)} ", text)
-    return text
-
-
-def by_flags(message: str, command: Callable[..., Any]) -> str:
-    """A message ``name = value: rule`` or ``name: rule`` with the option of `command` that has this name."""
-    named = _NAMED.match(message)
-    name = named and _OTHER_NAMES.get(named[1], named[1])
-    parameter = inspect.signature(command, eval_str=True).parameters.get(name or "")
-    if not named or parameter is None or not _is_option(parameter):
-        return message
-    option, key, rest = flag_of(parameter.name), named[2], message[named.end() :]
-    if named[3] == ":":
-        return f"{option}:{rest}"
-    return f"{option} {key}={rest}" if key else f"{option} {rest}"
-
-
-def _is_option(parameter: inspect.Parameter) -> bool:
-    """Whether it is given by name on the command line, and not by its place."""
+def options_of(command: Callable[..., Any]) -> set[str]:
+    """Parameters of a command that are given by name on the command line, and not by their place."""
     from typer.models import OptionInfo
 
-    return any(isinstance(what, OptionInfo) for what in getattr(parameter.annotation, "__metadata__", ()))
+    parameters = inspect.signature(command, eval_str=True).parameters.values()
+    return {
+        parameter.name
+        for parameter in parameters
+        if any(isinstance(what, OptionInfo) for what in getattr(parameter.annotation, "__metadata__", ()))
+    }

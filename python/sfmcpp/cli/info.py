@@ -172,13 +172,12 @@ def _world(problem: Problem) -> str:
 
 
 def _drive(source: Path) -> Iterator[Fact]:
-    from sfmcpp.sources.frames import TrackSequence
+    from sfmcpp.sources.drives import tracks_of_kitti
     from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 
     drive = read_kitti_mat(source)
     yield "format", "KITTI drive: tracks and sensors"
-    seen = (drive.frame_index, drive.track_index, drive.left_px)
-    yield from _sequence(TrackSequence(drive.t_s, *seen, drive.intrinsics))
+    yield from _sequence(tracks_of_kitti(drive))
     yield from _streams((drive.velocity, drive.angular_rate))
     yield "truth", _path(drive.truth)
 

@@ -6,18 +6,18 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import sfmcpp
 from sfmcpp.ba import Summary, as_projective
+from sfmcpp.ba.options import OPTIONS
 from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.console import ExitCode, print_error, print_note
 from sfmcpp.cli.control import Control, control_after_solve
 from sfmcpp.cli.covariances import Precision
-from sfmcpp.cli.flags import RIGS, as_options
+from sfmcpp.cli.flags import RIGS, with_flags
 from sfmcpp.cli.georeferencing import Gps, outcome_after_solve, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
@@ -115,9 +115,9 @@ def solve_file(job: Job) -> ExitCode:
         complaints = _write_complaints(lambda path: write(problem, path), job.targets.problem)
         if job.targets.problem is not None and not (complaints or job.quiet):
             note_written(problem, job.targets.problem)
-        placed = {"gps": (outcome := gps_outcome()), "control": control_outcome()}
+        gps, control = gps_outcome(), control_outcome()
         complaints += _write_complaints(
-            lambda path: write_camera_positions(path, problem, outcome), job.targets.positions
+            lambda path: write_camera_positions(path, problem, gps), job.targets.positions
         )
         complaints += _write_complaints(lambda path: write_page(problem, path, job.source), job.targets.page)
         known = Precision()
@@ -125,7 +125,9 @@ def solve_file(job: Job) -> ExitCode:
             lambda path: known.write(path, problem, summary, groups, job.options, is_stopped),
             job.targets.covariances,
         )
-        return _report_and_print(job, size, summary, seconds_read, complaints, placed=placed, known=known)
+        placed: dict[str, GpsOutcome | ControlOutcome] = {} if gps is None else {"gps": gps}
+        placed |= {} if control is None else {"control": control}
+        return _report_and_print(job, size, summary, seconds_read, complaints, placed, known)
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
@@ -149,7 +151,7 @@ def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCo
         complaints = _write_complaints(lambda path: write_part(part, path, ranks), job.targets.problem)
         memory = ranks.everyones(peak_memory_bytes())
         return ranks.from_root(
-            lambda: _report_and_print(job, size, summary, seconds_read, complaints, memory)
+            lambda: _report_and_print(job, size, summary, seconds_read, complaints, {}, Precision(), memory)
         )
 
 
@@ -168,29 +170,26 @@ def _report_and_print(
     summary: Summary,
     seconds_read: float,
     complaints: list[DatasetError],
+    placed: Mapping[str, GpsOutcome | ControlOutcome],
+    known: Precision,
     memory: Sequence[float] = (),
-    placed: Mapping[str, GpsOutcome | ControlOutcome | None] = MappingProxyType({}),
-    known: Precision | None = None,
 ) -> ExitCode:
-    """Report and print; `memory` is the largest that each rank has used [bytes], `placed` what moved it."""
+    """Report and print; `placed` is what moved it, `memory` the largest that each rank has used [bytes]."""
     report = _report(job.source, size, summary, seconds_read)
     report |= {"peak_memory_bytes_of_ranks": list(memory)} if memory else {}
-    outcomes = {name: outcome for name, outcome in placed.items() if outcome is not None}
-    report |= {name: outcome.to_dict() for name, outcome in outcomes.items()}
-    report |= {} if known is None else known.to_report()
+    report |= {name: outcome.to_dict() for name, outcome in placed.items()}
+    report |= known.to_report()
     complaints = complaints + _write_reports(job, summary, report) + job.checkpoints.failures
     if not (job.quiet or complaints):
         from sfmcpp.cli.display import print_summary
 
-        world = [row for outcome in outcomes.values() for row in _world_rows(outcome)]
-        precise = () if known is None else known.rows()
-        is_written = known is not None and known.is_written
-        targets = job.targets if is_written else replace(job.targets, covariances=None)
-        print_summary(job.source, size, summary, seconds_read, targets, (*world, *precise))
-    if known is not None and known.is_interrupted and not complaints:
+        rows = [*(row for outcome in placed.values() for row in _world_rows(outcome)), *known.rows()]
+        targets = job.targets if known.is_written else replace(job.targets, covariances=None)
+        print_summary(job.source, size, summary, seconds_read, targets, rows)
+    if known.is_interrupted and not complaints:
         print_note(f"interrupted: {known.loss}, all else is")
         return ExitCode.INTERRUPTED
-    return _exit_code(job, summary, complaints, "" if known is None else known.loss)
+    return _exit_code(job, summary, complaints, known.loss)
 
 
 def _world_rows(outcome: GpsOutcome | ControlOutcome) -> Iterator[tuple[str, str]]:
@@ -238,7 +237,7 @@ def _check_options(values: dict[str, Any]) -> None:
     try:
         options.validate()
     except InvalidArgument as error:
-        raise InvalidArgument(as_options(str(error))) from error
+        raise InvalidArgument(with_flags(str(error), OPTIONS)) from error
 
 
 def _solve(job: Job, problem: Problem, groups: Sequence[Group] = (), ranks: Ranks | None = None) -> Summary:
@@ -256,7 +255,7 @@ def _solve(job: Job, problem: Problem, groups: Sequence[Group] = (), ranks: Rank
                 **job.options,
             )
     except InvalidArgument as error:
-        raise DatasetError(job.source, as_options(str(error))) from error
+        raise DatasetError(job.source, with_flags(str(error), OPTIONS)) from error
 
 
 def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[DatasetError]:
@@ -300,7 +299,7 @@ def _write_complaints(step: Callable[[Path], None], path: Path | None) -> list[D
     return []
 
 
-def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError], loss: str = "") -> ExitCode:
+def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError], loss: str) -> ExitCode:
     """Tell what went wrong; `loss` is what is missing of the results where a solve came to no end."""
     if complaints:
         return print_error("; ".join(map(str, complaints)))

@@ -23,7 +23,7 @@ from sfmcpp.sources.io.files import (
 from sfmcpp.sources.io.format import Format
 
 PAGE_SUFFIXES = (".html", ".htm")
-# By how much what a solve will change is changed, to see whether a format holds it.
+# Change of the intrinsics that a solve may change, with which a format is tried.
 _MOVED = 1e-9
 
 
@@ -83,7 +83,7 @@ class Targets:
         if self.problem is None:
             return
         chosen = format_of(self.problem)
-        # A problem that comes from a file fits formats that hold any, and, if they need poses, its own.
+        # What was read from a file fits its format again, if it is still metric.
         own = problem.is_metric and chosen.name == problem.metadata.source_format
         if chosen.holds_every_model or (own and not refined):
             return

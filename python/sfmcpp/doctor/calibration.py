@@ -18,15 +18,16 @@ from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model import Problem, camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray
 
-# Beyond, a lens that is merely simplified (no distortion, a principal point in the middle) is no excuse.
+# Larger errors do not come from a lens that is merely simplified (no distortion, a centred principal point).
 FOCAL_OFF, CENTRE_OFF = 0.1, 0.1
-# A fifth of the image: no lens sits so; K of an image twice or half as large is off by a half or a quarter.
+# No lens is off the middle by a fifth of the image; that of an image of half or twice the size is by more.
 _OFF_MIDDLE = 0.2
 # Sizes of images that a calibration may be of: this one, half of it, twice as large.
 _SIZES = (1.0, 2.0, 0.5)
 # A parameter that tells nothing lowers χ² by 1 in the mean; by so much (5 σ) it does not by chance.
 _SIGNIFICANT = 25.0
-# Two standard deviations that reach the whole leave open, at 95 %, whether there is anything at all.
+# An intrinsic is not determined if one standard deviation of it moves the rim of the image by more than this
+# share of its radius: two, the bounds at 95 %, reach the middle.
 _HALF = 1 / 2
 # A camera at the end of a road that cannot tell its own focal length hardly matters; half of them do.
 _MOST = 0.5

@@ -19,7 +19,7 @@ from sfmcpp.model.arrays import FloatArray
 # A convention is said to be another if the median error falls to half with it: a start away from the truth is
 # as far away under the right convention as under any other, and its errors come on top.
 _BETTER = 2.0
-# A start that fits to so much of the image is read as it was written.
+# With a median error below this share of the image, the convention is right.
 _FITS = 0.02
 # Two that differ by less are equally good: a start away from the truth spreads their medians.
 _AS_WELL = 1.2

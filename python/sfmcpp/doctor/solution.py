@@ -7,11 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sfmcpp.ba import LinearModel, SolveOptions, Summary
+from sfmcpp.ba import LinearModel, SolveOptions, Summary, adjust
 from sfmcpp.doctor.case import TRIAL_CAMERAS, TRIAL_OBSERVATIONS, Case
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.gauge import free_motions, motions_in_scene
-from sfmcpp.doctor.trial import adjust_or_stop
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import fit_similarity
 from sfmcpp.model import Problem
@@ -141,7 +140,7 @@ def _adjusted_from(start: Problem, case: Case, summary: Summary) -> tuple[Proble
     moved = start.copy()
     scale = summary.loss_scale_px if summary.loss != "squared" else 1.0
     options = SolveOptions(loss=summary.loss, loss_scale_px=scale)
-    return moved, adjust_or_stop(moved, case.constraints, options).final_cost
+    return moved, adjust(moved, case.constraints, options).require_uninterrupted().final_cost
 
 
 def _perturbed_starts(problem: Problem) -> Iterator[tuple[str, Problem]]:

@@ -60,14 +60,6 @@ class Trial:
         return np.asarray(self.errors_px > GROSS * max(self.sigma_px, sigma_px))
 
 
-def adjust_or_stop(problem: Problem, constraints: Sequence[Group], options: SolveOptions) -> Summary:
-    """Adjust in place; Ctrl-C ends more than this one adjustment of many."""
-    summary = adjust(problem, list(constraints), options)
-    if summary.termination == "interrupted":
-        raise KeyboardInterrupt
-    return summary
-
-
 def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "cauchy") -> Trial | str:
     """Adjust a copy of `problem`; a text with the reason if that fails."""
     moved = problem.copy()
@@ -75,7 +67,7 @@ def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "
         loss=loss, loss_scale_px="auto", max_iterations=MAX_ITERATIONS, function_tolerance=TOLERANCE
     )
     try:
-        summary = adjust_or_stop(moved, constraints, options)
+        summary = adjust(moved, constraints, options).require_uninterrupted()
     except InvalidArgument as error:
         return str(error)
     errors = _comparable_errors_px(moved)

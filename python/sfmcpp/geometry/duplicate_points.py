@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry._tracks import num_views, observed_rays, require_metric, require_points
-from sfmcpp.geometry.pinhole import pinhole_rows
+from sfmcpp.geometry._tracks import (
+    intrinsics_of_observations,
+    num_views,
+    observed_rays,
+    require_metric,
+    require_points,
+)
 from sfmcpp.geometry.point_tests import depths, reprojection_errors_px
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
@@ -103,7 +108,7 @@ def _nearby_pairs(problem: Problem, points: FloatArray, radius_px: float) -> Pai
     """(k, 2) pairs of points nearer to each other than so many pixels, at the nearer camera of either."""
     from scipy.spatial import cKDTree
 
-    focals = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 0]
+    focals = intrinsics_of_observations(problem)[:, 0]
     sizes = np.full(problem.num_points, np.inf)
     np.minimum.at(sizes, problem.point_index, depths(problem, points) / focals)
     known = np.flatnonzero(np.isfinite(points[:, 0]) & np.isfinite(sizes) & (sizes > 0))

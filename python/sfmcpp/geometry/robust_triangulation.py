@@ -11,9 +11,15 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry._tracks import normalised_pixels, num_views, observed_rays, require_metric
+from sfmcpp.geometry._tracks import (
+    intrinsics_of_observations,
+    normalised_pixels,
+    num_views,
+    observed_rays,
+    require_metric,
+)
 from sfmcpp.geometry.epipolar import midpoints
-from sfmcpp.geometry.pinhole import homogeneous, pinhole_rows
+from sfmcpp.geometry.pinhole import homogeneous
 from sfmcpp.geometry.point_tests import reprojection_errors_px, triangulation_angles_deg
 from sfmcpp.geometry.triangulation import refine_points
 from sfmcpp.model import Problem
@@ -101,7 +107,7 @@ def _best_midpoints(problem: Problem, max_error_px: float) -> FloatArray:
 
 def _px_per_rad(problem: Problem) -> FloatArray:
     """(M,) pixels that one radian is worth where each observation lies: the mean of all directions."""
-    rows = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index]]
+    rows = intrinsics_of_observations(problem)
     focal = rows[:, 0] * (1 + rows[:, 1]) / 2
     # f / cos φ along circles round the axis, f / cos² φ away from it.
     away = np.linalg.norm(homogeneous(normalised_pixels(problem)), axis=1)

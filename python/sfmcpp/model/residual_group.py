@@ -1,12 +1,11 @@
-"""User-defined residuals of poses and points, in named groups, with central differences."""
+"""User-defined residuals of poses and points, in named groups."""
 
 from __future__ import annotations
 
 import reprlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,15 +21,30 @@ from sfmcpp.model.arrays import (
     require_double,
     require_int32,
 )
+from sfmcpp.model.central_differences import by_point, by_pose
 from sfmcpp.model.constraints import ConstraintGroup, MemberGroup
-from sfmcpp.model.evaluation import Evaluation
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.problem import Problem
 
 ResidualFunction: TypeAlias = Callable[..., "ArrayLike | tuple[ArrayLike, ...]"]
-_TANGENT = 6
-# Central differences of a double are best at its third root.
-_STEP = float(np.cbrt(np.finfo(float).eps))
+
+
+class Evaluation(NamedTuple):
+    """Residuals of the members of a group, and their derivatives if requested.
+
+    Attributes
+    ----------
+    residuals : (n, k) float64
+        r of each member.
+    by_poses : (n, k, p, 6) float64 or None
+        Derivatives by the poses of each member, p = 1 or 2: δR, then the centre. None without cameras.
+    by_point : (n, k, 3) float64 or None
+        Derivatives by the point of each member. None without points.
+    """
+
+    residuals: FloatArray
+    by_poses: FloatArray | None = None
+    by_point: FloatArray | None = None
 
 
 @dataclass(eq=False)
@@ -323,75 +337,3 @@ def require_kinds(groups: Iterable[Group], what: str) -> list[ConstraintGroup]:
             )
         known.append(group)
     return known
-
-
-def by_pose(residuals: Callable[[FloatArray], FloatArray], poses: FloatArray) -> FloatArray:
-    """Derivatives of residuals by poses, twelve calls for each pose of a member.
-
-    Parameters
-    ----------
-    residuals : callable
-        From poses (n, p, 3, 4), rotation world_from_camera and centre, to residuals (n, k).
-    poses : (n, p, 3, 4) float64
-        Where.
-
-    Returns
-    -------
-    (n, k, p, 6) float64
-        By δR of ``R exp([δR]×)`` [rad], then by the centre.
-    """
-    steps = np.array([_STEP] * 3 + [_difference_step(poses[..., 3])] * 3)
-    columns = [
-        [_difference(residuals, partial(_turned_or_shifted, poses, p, k), steps[k]) for k in range(_TANGENT)]
-        for p in range(poses.shape[1])
-    ]
-    return np.ascontiguousarray(np.moveaxis(np.array(columns), (0, 1), (2, 3)))
-
-
-def by_point(residuals: Callable[[FloatArray], FloatArray], points: FloatArray) -> FloatArray:
-    """Derivatives of residuals by points, in six calls.
-
-    Parameters
-    ----------
-    residuals : callable
-        From points (n, 3) to residuals (n, k).
-    points : (n, 3) float64
-        Where.
-
-    Returns
-    -------
-    (n, k, 3) float64
-        By their coordinates.
-    """
-    step, axes = _difference_step(points), np.eye(3)
-    columns = [_difference(residuals, partial(_shifted_points, points, axis), step) for axis in axes]
-    return np.stack(columns, axis=-1)
-
-
-def _difference_step(places: FloatArray) -> float:
-    """Places far away move by as much of their distance; rotations are of the size one."""
-    return _STEP * max(1.0, float(np.abs(places).max(initial=0.0)))
-
-
-def _difference(
-    residuals: Callable[[FloatArray], FloatArray], moved: Callable[[float], FloatArray], step: float
-) -> FloatArray:
-    return np.asarray((residuals(moved(step)) - residuals(moved(-step))) / (2 * step))
-
-
-def _shifted_points(points: FloatArray, axis: FloatArray, step: float) -> FloatArray:
-    return points + step * axis
-
-
-def _turned_or_shifted(poses: FloatArray, pose: int, k: int, step: float) -> FloatArray:
-    """Poses (n, p, 3, 4), one of each member moved along one of its six directions."""
-    moved: FloatArray = poses.copy()
-    if k >= 3:
-        moved[:, pose, k - 3, 3] += step
-        return moved
-    a, b = (k + 1) % 3, (k + 2) % 3
-    turn = np.eye(3)
-    turn[[a, b], [a, b]] = np.cos(step)
-    turn[a, b], turn[b, a] = -np.sin(step), np.sin(step)
-    moved[:, pose, :, :3] = poses[:, pose, :, :3] @ turn
-    return moved

@@ -14,7 +14,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 
-# Of a rotation in doubles.
+# Rounding errors of a rotation matrix.
 _ROUNDING = 1e-14
 # No vehicle carries a camera so far from its sensors [m].
 _LONGEST_M = 1000.0

@@ -193,17 +193,15 @@ def reconstruct(
     }
     front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
     scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
-    positions = wanted(scene.graph.photos)
-    run.warnings += unused_positions(gps, scene.graph.photos)
-    scene = replace(scene, positions=positions)
+    photos = scene.graph.photos
+    scene = replace(scene, positions=wanted(photos))
+    run.warnings += unused_positions(gps, photos)
     with run.timed("mapping"):
-        count = len(scene.graph.photos)
-        grown = METHODS[method](scene, limits, lambda done: progress("mapping", done, count))
+        grown = METHODS[method](scene, limits, lambda done: progress("mapping", done, len(photos)))
     refined = Refinement()
     if subpixel:
         with run.timed("refining"):
-            photos = scene.graph.photos
-            refined = refine_models(grown.models, photos, run.settings, threads=threads, progress=progress)
+            refined = refine_models(grown.models, photos, limits, threads=threads, progress=progress)
     found = _finished_run(source, options, scene, grown, run)
     found.warnings += refined.warnings
     found.interrupted |= refined.interrupted
@@ -279,8 +277,7 @@ def _scene_of_photos(
     )
     graph, copies = without_resized_copies(graph)
     run.warnings += warnings_of_copies(copies, "of another size")
-    kept = {photo.name for photo in graph.photos}
-    if len(kept) < len(found.photos):
+    if len(graph.photos) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
     with run.timed("mapping"):
         graph = with_turned_cameras(graph, cameras)

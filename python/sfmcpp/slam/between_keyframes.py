@@ -21,7 +21,7 @@ from sfmcpp.slam.world_map import Keyframe, WorldMap
 from sfmcpp.weighting import refine_pose
 
 
-def fit_last_frames(
+def fit_latest_frame(
     world: WorldMap,
     view: View,
     pose: FloatArray,
@@ -32,9 +32,11 @@ def fit_last_frames(
 
     It stays unless the settings trust declared σ: in the thesis sensors constrain keyframes only.
     """
+    if not settings.trusts_declared:
+        return pose
     usual = [c for c in usual_weights(world, measurements) if c.weight > 0]
     images = pose_view(world, view, pose, settings)
-    if images is None or not usual or not settings.trusts_declared:
+    if images is None or not usual:
         return pose
     previous = world.keyframes[-1].pose
     weighted = [(pose_constraint(c.measurement, previous), c.weight) for c in usual]
@@ -61,6 +63,8 @@ def fit_between_keyframes(
     settings : SlamSettings
         Frames stay unless `trusts_declared`: in the thesis sensors constrain keyframes only.
     """
+    if not settings.trusts_declared:
+        return
     world, path = result.world, result.path
     assert world is not None
     before, after = world.keyframes[-2:]
@@ -73,7 +77,7 @@ def fit_between_keyframes(
     start, end = (_Stop.of(keyframe, keyframe.frame, keyframe.pose, world) for keyframe in (before, after))
     stops = [start, *seeing, end]
     groups = grouped_constraints(_step_members(stops, world, sensors))
-    if not seeing or not groups or not settings.trusts_declared:
+    if not seeing or not groups:
         return
     problem = _problem(world, stops)
     solve_live(problem, [replace(group, loss=ROBUST_LOSS[0]) for group in groups], ROBUST_LOSS)

@@ -15,7 +15,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.checks import require_finite, require_near
 from sfmcpp.model.frames import Frame, View, checked_view, common
-from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_last_frames
+from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_latest_frame
 from sfmcpp.slam.bridging import Follower, Step, rejoin
 from sfmcpp.slam.calibration import calibrate
 from sfmcpp.slam.check_positions import check_positions
@@ -187,7 +187,7 @@ class Slam:
         if self._is_keyframe(frame.view):
             self._add_keyframe(frame, pose, clock)
             return
-        fitted = fit_last_frames(self._world, frame.view, pose, self._measure(frame, pose), self.settings)
+        fitted = fit_latest_frame(self._world, frame.view, pose, self._measure(frame, pose), self.settings)
         self.result.path.settle(frame.number, fitted)
 
     def finish(self) -> None:

@@ -256,6 +256,13 @@ def _sensors_of(drive: KittiDrive) -> _Sensors:
     return _Sensors(streams, Mounting(drive.camera_from_body, drive.lever_arm_m), drive.t_s)
 
 
+def tracks_of_kitti(drive: KittiDrive, *, stereo: bool = False) -> TrackSequence:
+    """Tracks of the left camera of a KITTI drive; with `stereo` also what the right one sees of them."""
+    seen = (drive.frame_index, drive.track_index, drive.left_px)
+    right = (drive.right_px, drive.baseline_m) if stereo else ()
+    return TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
+
+
 def _read_input(
     source: Path,
     camera: CameraArgument,
@@ -275,10 +282,7 @@ def _read_input(
         raise InvalidArgument("camera, fps, corners: are for images, the input is tracks and holds its own")
     if suffix == ".mat":
         drive = read_kitti_mat(source)
-        right = (drive.right_px, drive.baseline_m) if stereo else ()
-        seen = (drive.frame_index, drive.track_index, drive.left_px)
-        sequence = TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
-        return sequence, drive.truth, _sensors_of(drive)
+        return tracks_of_kitti(drive, stereo=stereo), drive.truth, _sensors_of(drive)
     return TrackSequence(**vars(read_tracks(source))), None, _Sensors()
 
 

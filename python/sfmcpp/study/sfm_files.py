@@ -79,7 +79,7 @@ def _steps(report: SfmReport) -> Iterator[Step]:
             yield VIEW, lambda path: save_model_page(_scene(report, pictures.by_name), path)
     yield REPORT, lambda path: write_report(report.to_dict(), path)
     yield TIMINGS, lambda path: write_report(report.timings(), path)
-    yield PAGE, lambda path: _write_page(report, pictures, path)
+    yield PAGE, lambda path: save_page(sfm_page(report, pictures.by_name), path)
 
 
 def _write_model(problem: Problem, folder: Path) -> None:
@@ -91,10 +91,6 @@ def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:
     """Write the cameras, with the places of the photos and of the points as seen from the folder."""
     source = Path(report.run.source)
     write_transforms(problem, path, folder_from(path, source) if source.is_dir() else "", points=POINTS)
-
-
-def _write_page(report: SfmReport, pictures: _Pictures, path: Path) -> None:
-    save_page(sfm_page(report, pictures.by_name), path)
 
 
 class _Pictures:

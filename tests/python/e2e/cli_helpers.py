@@ -38,6 +38,14 @@ def run_here(*arguments: str | Path, cwd: Path | None = None) -> subprocess.Comp
     return subprocess.CompletedProcess(given, code, out.getvalue(), err.getvalue())
 
 
+def read_terminal(terminal: int) -> bytes:
+    """Read what comes next; nothing once the other end is closed."""
+    try:
+        return os.read(terminal, 65536)
+    except OSError:
+        return b""
+
+
 def noisy_circle(num_cameras: int = 6, num_points: int = 60, **options: Any) -> sfmcpp.Problem:
     """Make a small scene with a start away from its solution."""
     scene = circle_scene(num_cameras, num_points, seed=3, **options)

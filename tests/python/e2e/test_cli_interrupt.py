@@ -18,7 +18,16 @@ from conftest import REPOSITORY
 
 import sfmcpp
 import sfmcpp.doctor
-from cli_helpers import COMMAND, TIMEOUT_S, noisy_circle, run, run_here, strict_json, write_noisy_circle
+from cli_helpers import (
+    COMMAND,
+    TIMEOUT_S,
+    noisy_circle,
+    read_terminal,
+    run,
+    run_here,
+    strict_json,
+    write_noisy_circle,
+)
 from sfmcpp.cli.interrupts import repeated_lost_interrupts
 from sfmcpp.study import covariance_files
 
@@ -50,14 +59,6 @@ def interrupt_after_the_first_step(arguments: list[str | Path], *by: signal.Sign
     os.close(ours)
     assert interrupted, shown
     return process.returncode, shown.decode()
-
-
-def read_terminal(terminal: int) -> bytes:
-    """Read what comes next; nothing once the other end is closed."""
-    try:
-        return os.read(terminal, 65536)
-    except OSError:
-        return b""
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run, run_here, strict_json
+from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, read_terminal, run, run_here, strict_json
 from sfmcpp import CheckpointFolder, slam
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
@@ -296,14 +296,6 @@ def test_an_interrupted_run_keeps_what_there_is_and_says_so(tmp_path: Path, by: 
     assert 0 < content["totals"]["frames"] < 1200
     poses = len(read_trajectory(folder / "trajectory.txt"))
     assert poses == content["totals"]["poses"] <= content["totals"]["frames"]
-
-
-def read_terminal(terminal: int) -> bytes:
-    """Read what comes next; nothing once the other end is closed."""
-    try:
-        return os.read(terminal, 65536)
-    except OSError:
-        return b""
 
 
 @pytest.mark.real

@@ -63,14 +63,13 @@ class Measurements:
         found = [r[np.searchsorted(self.track[r], shared)] for r in rows]
         return np.asarray(found).reshape(len(images), len(shared))
 
-    def shared_counts(self, kept: BoolArray | None = None) -> Indices:
+    def shared_counts(self) -> Indices:
         """(C, C) number of tracks that each pair of images shares."""
         from scipy.sparse import csr_array
 
-        rows = np.arange(len(self.image)) if kept is None else np.flatnonzero(kept)
-        ones = np.ones(len(rows), dtype=np.int64)
+        ones = np.ones(len(self.image), dtype=np.int64)
         shape = (self.num_images, self.num_tracks)
-        seen = csr_array((ones, (self.image[rows], self.track[rows])), shape=shape)
+        seen = csr_array((ones, (self.image, self.track)), shape=shape)
         return np.asarray((seen @ seen.T).todense())
 
 

@@ -226,15 +226,11 @@ def _view_entries(views: WrittenViews, image_folder: str) -> Iterator[dict[str, 
     prefix = image_folder.rstrip("/") + "/" if image_folder else ""
     for row, (name, lens) in enumerate(zip(views.names, views.lens_rows, strict=True)):
         numbers = {"viewId": row, "poseId": row, "frameId": row, "intrinsicId": lens}
-        yield {**_quoted(numbers), "path": prefix + name, **_quoted(_size(views.lenses[lens]))}
+        yield {**_quoted(numbers), "path": prefix + name, **_quoted(views.lenses[lens].named_size)}
 
 
 def _quoted(numbers: Mapping[str, float]) -> dict[str, str]:
     return dict(zip(numbers, _texts(numbers.values()), strict=True))
-
-
-def _size(lens: WrittenLens) -> dict[str, float]:
-    return dict(zip(("width", "height"), lens.size, strict=True))
 
 
 def _lens_entry(row: int, lens: WrittenLens, path: Path) -> dict[str, Any]:
@@ -246,7 +242,7 @@ def _lens_entry(row: int, lens: WrittenLens, path: Path) -> dict[str, Any]:
     sensor = {"sensorWidth": _SENSOR_MM, "sensorHeight": _SENSOR_MM * height / width}
     focal = {"initialFocalLength": focal_mm, "focalLength": focal_mm, "pixelRatio": aspect}
     return {
-        **_quoted({"intrinsicId": row, **_size(lens), **sensor}),
+        **_quoted({"intrinsicId": row, **lens.named_size, **sensor}),
         "serialNumber": str(row),
         "type": lens.model,
         "initializationMode": "estimated",

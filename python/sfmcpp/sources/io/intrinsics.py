@@ -19,9 +19,9 @@ from sfmcpp.sources.io.checks import LARGEST_COUNT, require_image_sizes, require
 
 PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
-# As near as the search for the ray of a pixel comes where there is one.
+# If the search for the ray of a pixel ends farther from it, there is none.
 _FOUND_PX = 0.5
-# Of differences of undistorted pixels.
+# Step of numeric derivatives of undistorted pixels.
 _STEP_PX = 1e-3
 _DEFAULTS = np.array([1.0 if name == "aspect" else 0.0 for name in PERSPECTIVE])
 

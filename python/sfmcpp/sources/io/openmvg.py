@@ -187,7 +187,7 @@ def _pointer_object(number: int, data: dict[str, Any]) -> dict[str, Any]:
 
 def _view_entries(views: WrittenViews) -> Iterator[dict[str, Any]]:
     for row, (name, lens) in enumerate(zip(views.names, views.lens_rows, strict=True)):
-        data = {"local_path": "", "filename": name, **_size(views.lenses[lens])}
+        data = {"local_path": "", "filename": name, **views.lenses[lens].named_size}
         data |= {"id_view": row, "id_intrinsic": lens, "id_pose": row}
         yield _entry(row, {"polymorphic_id": _SAME_CLASS, **_pointer_object(1 + row, data)})
 
@@ -196,7 +196,7 @@ def _lens_entries(lenses: list[WrittenLens], objects_before: int) -> Iterator[di
     classes: dict[str, int] = {}
     for row, lens in enumerate(lenses):
         where, names = _DISTORTIONS[lens.model]
-        data = {**_size(lens), "focal_length": lens.values["f"]}
+        data: dict[str, Any] = {**lens.named_size, "focal_length": lens.values["f"]}
         data["principal_point"] = [lens.values["cx"], lens.values["cy"]]
         if names:
             data[where] = [lens.values[name] for name in names]
@@ -205,10 +205,6 @@ def _lens_entries(lenses: list[WrittenLens], objects_before: int) -> Iterator[di
         named = {} if known else {"polymorphic_name": lens.model}
         class_id = {"polymorphic_id": number if known else _FIRST + number}
         yield _entry(row, {**class_id, **named, **_pointer_object(1 + objects_before + row, data)})
-
-
-def _size(lens: WrittenLens) -> dict[str, Any]:
-    return dict(zip(("width", "height"), lens.size, strict=True))
 
 
 def _pose_entries(problem: Problem) -> Iterator[dict[str, Any]]:

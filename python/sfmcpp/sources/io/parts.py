@@ -34,7 +34,7 @@ from sfmcpp.sources.io.npz import members_of_problem, problem_of_members, read_m
 VERSION = 1
 LIST = "parts.json"
 
-# Where nothing else is asked for: as many ranks can share the work.
+# Default number of parts: at most so many ranks can share the work.
 _DEFAULT_COUNT = 16
 _MOST_PARTS = 65536  # files in one folder
 _VERSION_KEY = "sfmcpp_parts"

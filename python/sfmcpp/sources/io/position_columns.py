@@ -26,7 +26,7 @@ _NAMES = (
     *("image name", "file name", "photo name"),
 )
 _INDEX = ("index", "number", "camera")
-# Heights above the ellipsoid go before those that may be others.
+# Heights above the ellipsoid are preferred to those that may be above the sea.
 _HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude", "elevation", "h")
 _GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
 _METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
@@ -41,7 +41,7 @@ _SPREAD = {"sigma", "std", "stddev", "stdev", "standard", "dev", "deviation", "s
 # Those of RTKLIB, of u-blox and of DJI's photos, in one word.
 _SPREAD_OF_AXIS = {f"{word}{axis}": axis for word in ("sd", "std") for axis in "neuxyz"}
 _SPREAD_OF_AXIS |= {"hacc": "h", "vacc": "v", "rtkstdlon": "lon", "rtkstdlat": "lat", "rtkstdhgt": "height"}
-# That of an axis is of its positions, that of nothing may be of anything.
+# A standard deviation only together with an axis; alone it may be that of anything.
 _RMS = "rms"
 # What else seems to be a standard deviation, but of an angle.
 _LIKE_SPREAD = re.compile(r"acc|.*(?:sigma|std|accuracy|rms|positioningerror)|(?:sigma|std).+")

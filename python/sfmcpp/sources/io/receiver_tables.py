@@ -34,7 +34,7 @@ _MRK_RULE = "must have a photo number, Lat, Lon, Ellh, three standard deviations
 _COMMENT = "%"
 _BETWEEN_CELLS = re.compile(r"[\s,;]+")
 _POS_AXES = ("latitude(deg)", "longitude(deg)", "height(m)")
-# North first, as in the file.
+# East, north, up; in the file north comes first.
 _POS_SPREADS = ("sde(m)", "sdn(m)", "sdu(m)")
 # Date and time, or week and seconds, under one title.
 _TIME_CELLS = 2

@@ -192,6 +192,11 @@ class WrittenLens:
     values: dict[str, float]
     is_fixed: bool
 
+    @property
+    def named_size(self) -> dict[str, float]:
+        """Width and height by name."""
+        return dict(zip(("width", "height"), self.size, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class WrittenPoint:

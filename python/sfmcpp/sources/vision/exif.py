@@ -156,7 +156,7 @@ def _degrees(parts: Any, reference: Any, signs: tuple[str, str], limit: float) -
         return None
     if not numbers or len(numbers) > 3 or numbers[0] is None:
         return None
-    # Minutes and seconds may be left out by zeros below the fraction.
+    # Minutes and seconds that are left out are fractions with the denominator zero.
     degrees = sum((number or 0.0) / 60.0**power for power, number in enumerate(numbers))
     sign = _text(reference).upper()[:1]
     if sign not in signs or not 0 <= degrees <= limit:

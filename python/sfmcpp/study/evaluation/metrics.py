@@ -18,7 +18,6 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.checks import require_one_of, require_positive
 
-RELATIONS = ("translation_part", "rotation_angle_deg", "full_transformation")
 DELTA_UNITS = ("frames", "m")
 # Steps of the truth below this say nothing of the scale: a standing vehicle.
 SHORTEST_STEP_M = 0.01
@@ -132,7 +131,7 @@ def ape(estimate: FloatArray, truth: FloatArray) -> Errors:
         its rotation [deg] as ``"rotation_angle_deg"``, the Frobenius norm of ``E − I`` as
         ``"full_transformation"``.
     """
-    return _translation_and_angle(relative_poses(truth, estimate))
+    return _pose_errors(relative_poses(truth, estimate))
 
 
 @checked(estimate=("n", 3, 4), truth=("n", 3, 4))
@@ -175,7 +174,7 @@ def rpe(
     first, second = pairs.T
     true = relative_poses(truth[first], truth[second])
     estimated = relative_poses(estimate[first], estimate[second])
-    return _translation_and_angle(relative_poses(true, estimated))
+    return _pose_errors(relative_poses(true, estimated))
 
 
 def pairs_apart(
@@ -197,7 +196,7 @@ def relative_poses(first: FloatArray, second: FloatArray) -> FloatArray:
     return np.concatenate([back @ second[:, :, :3], back @ offset], axis=2)
 
 
-def _translation_and_angle(differences: FloatArray) -> Errors:
+def _pose_errors(differences: FloatArray) -> Errors:
     rotations = differences[:, :, :3]
     return {
         "translation_part": np.linalg.norm(differences[:, :, 3], axis=1),

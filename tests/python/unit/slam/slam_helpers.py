@@ -7,7 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.model import Problem
 from sfmcpp.model.frames import View
-from sfmcpp.slam import Frame, TrackSequence, WorldMap
+from sfmcpp.slam import Frame, SlamResult, TrackSequence, WorldMap
+from sfmcpp.sources.io.kitti_mat import KittiDrive
+from sfmcpp.study.evaluation import evaluate
 
 INTRINSICS = np.array([500.0, 1.0, 320.0, 240.0, 0.0])
 STEP_S = 0.1
@@ -19,6 +21,11 @@ def sequence_of(problem: Problem) -> TrackSequence:
     return TrackSequence(
         t_s, problem.camera_index, problem.point_index, problem.pixels, problem.intrinsics[0]
     )
+
+
+def error_m(result: SlamResult, drive: KittiDrive) -> float:
+    """Mean distance from the truth, in the world and the metres of the run."""
+    return evaluate(result.trajectory(), drive.truth, with_scale=False).mean_3d_error_m
 
 
 def project(pose: np.ndarray, points: np.ndarray) -> np.ndarray:

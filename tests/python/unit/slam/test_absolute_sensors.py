@@ -11,10 +11,11 @@ from sfmcpp.geometry import so3
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, SensorStream
 from sfmcpp.sensors import Mounting, pose_stream_values
-from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
+from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
 from sfmcpp.slam.registration import Correction, correction
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
+from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.synthetic import corridor_scene, street_loop_scene
 from slam_helpers import STEP_S, sequence_of
@@ -173,8 +174,7 @@ def test_on_a_real_drive_positions_of_a_metre_keep_it_in_place(
 ) -> None:
     # Positions on its straight way tell no roll of the two parts of its map: the end rolled them by 80°.
     d = real_drive
-    sequence = TrackSequence(d.t_s, d.frame_index, d.track_index, d.left_px, d.intrinsics)
-    result = run_slam(sequence, sensors=[simulated(d, kind)])
+    result = run_slam(tracks_of_kitti(d), sensors=[simulated(d, kind)])
     assert sorted(result.poses) == list(range(len(d.t_s)))
     metres, radians = errors_to(result, d.truth.poses)
     assert metres < most_m
@@ -187,9 +187,8 @@ def test_a_correct_gps_is_kept_where_the_map_breaks(data_dir: Path) -> None:
     d = read_kitti_mat(data_dir / "kitti_tracks/2011_09_26_drive_0036_sync_KLT.mat")
     centres = d.truth.poses[:, :, 3]
     measured = centres + np.random.default_rng(0).normal(0, 1.0, centres.shape)
-    sequence = TrackSequence(d.t_s, d.frame_index, d.track_index, d.left_px, d.intrinsics)
     twice_a_second = SensorStream(d.truth.t_s[::5], measured[::5], "position")
-    result = run_slam(sequence, sensors=[Gps(twice_a_second)])
+    result = run_slam(tracks_of_kitti(d), sensors=[Gps(twice_a_second)])
     assert "disagrees with the images" in result.warnings[0]
     assert errors_to(result, d.truth.poses)[0] < 2.0
 

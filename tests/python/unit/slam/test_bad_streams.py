@@ -26,7 +26,7 @@ from sfmcpp.slam import (
     run_slam,
 )
 from sfmcpp.slam.sensor_suite import SensorSuite
-from sfmcpp.sources.drives import Drive
+from sfmcpp.sources.drives import Drive, tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from slam_helpers import STEP_S
 from winding import AT_CAMERA, FRAMES, length, winding, without
@@ -183,8 +183,7 @@ def test_a_gyro_that_is_right_agrees_and_nothing_is_told(seed: int) -> None:
 
 def sequence_of(drive_path: Path) -> tuple[TrackSequence, SensorStream, Mounting]:
     drive = read_kitti_mat(drive_path)
-    sequence = TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics)
-    return sequence, drive.angular_rate, Mounting(drive.camera_from_body, drive.lever_arm_m)
+    return tracks_of_kitti(drive), drive.angular_rate, Mounting(drive.camera_from_body, drive.lever_arm_m)
 
 
 @pytest.mark.real

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.model.frames import View
 from sfmcpp.sensors import Mounting, SensorStream
 from sfmcpp.slam import Frame, Gyroscope, Measurement, SlamSettings, WorldMap
-from sfmcpp.slam.between_keyframes import fit_last_frames
+from sfmcpp.slam.between_keyframes import fit_latest_frame
 from sfmcpp.slam.fusion import (
     constraint_groups,
     fuse,
@@ -213,7 +213,7 @@ def test_a_frame_between_keyframes_follows_sensors_only_where_they_declare(
 ) -> None:
     world, view = map_and_view()
     remember(world, "odometer", 50.0)
-    told = fit_last_frames(world, view, TRUE, [scale(DISTANCE + 0.05)], settings)
+    told = fit_latest_frame(world, view, TRUE, [scale(DISTANCE + 0.05)], settings)
     if not follows:
         assert told is TRUE
         return

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gyroscope, Odometer, SlamResult, TrackSequence, run_slam
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, run_slam
+from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.study.evaluation import evaluate
+from slam_helpers import error_m
 
 pytestmark = pytest.mark.real
 
@@ -22,17 +23,14 @@ def drive(data_dir: Path) -> KittiDrive:
 
 
 def run(drive: KittiDrive, late_s: float, kind: str = "velocity", *, gyro: bool = False) -> SlamResult:
-    tracks = TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics)
     mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
     stream = drive.velocity
     if kind == "speed":
         stream = replace(stream, values=np.linalg.norm(stream.values, axis=1, keepdims=True), kind=kind)
-    sensors = [Odometer(stream.shifted(late_s), mounting=mounting)]
-    return run_slam(tracks, sensors=[*sensors, *([Gyroscope(drive.angular_rate, mounting)] if gyro else [])])
-
-
-def error_m(result: SlamResult, drive: KittiDrive) -> float:
-    return evaluate(result.trajectory(), drive.truth, with_scale=False).mean_3d_error_m
+    sensors: list[MotionSensor] = [Odometer(stream.shifted(late_s), mounting=mounting)]
+    if gyro:
+        sensors.append(Gyroscope(drive.angular_rate, mounting))
+    return run_slam(tracks_of_kitti(drive), sensors=sensors)
 
 
 @pytest.mark.parametrize("late_s", [-0.5, 0.5])

@@ -10,9 +10,10 @@ import pytest
 
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
+from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from sfmcpp.study.evaluation import evaluate
+from slam_helpers import error_m
 
 pytestmark = pytest.mark.real
 
@@ -30,14 +31,11 @@ def slipping(stream: SensorStream, factor: float) -> SensorStream:
 
 
 def run(drive: KittiDrive, factor: float, *, gyro: bool, settings: SlamSettings | None = None) -> SlamResult:
-    tracks = TrackSequence(drive.t_s, drive.frame_index, drive.track_index, drive.left_px, drive.intrinsics)
     mounting = Mounting(drive.camera_from_body, drive.lever_arm_m)
     sensors: list[MotionSensor] = [Odometer(slipping(drive.velocity, factor), mounting=mounting)]
-    return run_slam(tracks, settings, [*sensors, *([Gyroscope(drive.angular_rate, mounting)] * gyro)])
-
-
-def error_m(result: SlamResult, drive: KittiDrive) -> float:
-    return evaluate(result.trajectory(), drive.truth, with_scale=False).mean_3d_error_m
+    return run_slam(
+        tracks_of_kitti(drive), settings, [*sensors, *([Gyroscope(drive.angular_rate, mounting)] * gyro)]
+    )
 
 
 @pytest.mark.parametrize("gyro", [False, True])

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Trajectory
 from sfmcpp.study.evaluation import Statistics, ape, evaluate, mean_3d_error, rpe, scale_ratios
-from sfmcpp.study.evaluation.metrics import RELATIONS
 from trajectory_helpers import path
 
 
@@ -71,7 +70,7 @@ def test_pairs_follow_on_each_other_or_start_everywhere(all_pairs: bool, count: 
     poses = line(*[1.0] * 19)
     for unit in ("frames", "m"):
         found = rpe(poses, poses, 4, unit, all_pairs)
-        assert [len(found[relation]) for relation in RELATIONS] == [count] * 3
+        assert [len(errors) for errors in found.values()] == [count] * 3
 
 
 @pytest.mark.parametrize(
@@ -87,3 +86,14 @@ def test_pairs_follow_on_each_other_or_start_everywhere(all_pairs: bool, count: 
 def test_a_distance_that_no_pair_has_is_refused(delta: float, unit: str, told: str) -> None:
     with pytest.raises(InvalidArgument, match=told):
         rpe(line(1, 1, 1), line(1, 1, 1), delta, unit)
+
+
+def test_an_evaluation_prints_itself_in_a_line() -> None:
+    poses = np.tile(np.eye(3, 4), (30, 1, 1))
+    poses[:, :, 3] = np.random.default_rng(0).normal(size=(30, 3))
+    truth = Trajectory(np.arange(30.0), poses)
+    found = evaluate(truth, truth)
+    for text in (str(found), repr(found)):
+        assert text.startswith("Evaluation(30 pairs of poses, aligned with scale: mean 3-D error ")
+        assert "\n" not in text
+        assert len(text) < 120

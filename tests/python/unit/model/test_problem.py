@@ -1,8 +1,17 @@
-"""A problem is shown whatever its fields have been set to."""
+"""What a problem is to Python: compared by identity, as its arrays have no single truth, and always shown."""
 
 import pytest
 
 import sfmcpp
+
+
+def test_a_problem_equals_itself_alone() -> None:
+    problem = sfmcpp.circle_scene(3, 12, seed=0)
+    copy = problem.copy()
+    assert problem == problem
+    assert problem != copy
+    assert problem.metadata != sfmcpp.Metadata(point_colors=problem.metadata.point_colors)
+    assert len({problem, copy}) == 2
 
 
 @pytest.mark.parametrize("name", ["cameras", "points", "camera_index", "pixels", "intrinsics"])
