@@ -74,8 +74,12 @@ void refuse_times_of_searches(const optim::MinimizerOptions& minimizer) {
   const optim::LineSearchOptions& search = minimizer.line_search;
   if (search.damping_threshold && !facts_of(minimizer.method).has_damping)
     refuse("line_search_damping", minimizer.method, "it has no damping to compare with");
-  if (search.kind == optim::LineSearchKind::kNone &&
-      (search.damping_threshold || search.on_rejection)) {
+  const bool on_condition = search.damping_threshold || search.on_rejection;
+  if (search.kind != optim::LineSearchKind::kNone && search.iterations == 0 && !on_condition)
+    refuse("line_search_iterations = 0",
+           search.kind,
+           "it would never search; choose line_search_on_rejection, line_search_damping or 'none'");
+  if (search.kind == optim::LineSearchKind::kNone && on_condition) {
     throw InvalidArgument(
         "line_search = 'none': choose a line search to be used " +
         std::string(search.on_rejection ? "on rejected steps" : "above line_search_damping"));

@@ -318,10 +318,9 @@ std::vector<std::string> warnings_about_cameras(const Problem& problem,
       "f",
       [](double f) { return !(f > 0.0); },
       "the focal length f is not positive: a lens has f > 0, images upside down have negative y");
-  constexpr double kFocalLength = 20;  // no lens squeezes a tenth as much
   warn_of_rows(
       "aspect",
-      [](double aspect) { return aspect > kFocalLength; },
+      [](double aspect) { return aspect > kLeastFy; },
       "the aspect, fy / fx, is more than 20: is it fy?");
   return warnings;
 }

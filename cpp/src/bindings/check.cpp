@@ -83,6 +83,7 @@ py::array_t<double> projection_matrices(const py::dict& arrays) {
 }  // namespace
 
 void bind_check(py::module_& m) {
+  m.attr("LEAST_FY") = ba::kLeastFy;
   using J = ba::JacobianCheck;
   py::class_<J>(
       m, "JacobianCheck", "Analytic against numeric derivatives; see sfmcpp.check_jacobians.")
@@ -91,11 +92,22 @@ void bind_check(py::module_& m) {
       .def_readonly(
           "worst_observation", &J::worst_observation, "Observation of the largest difference.")
       .def_readonly("worst_parameter", &J::worst_parameter, "Parameter of the largest difference.")
-      .def("__repr__", [](const J& j) {
-        return py::str(
-                   "JacobianCheck({} derivatives, the worst off by {:.1e}: {} of observation {})")
-            .format(j.entries, j.worst_error, j.worst_parameter, j.worst_observation);
-      });
+      .def("__repr__",
+           [](const J& j) {
+             return py::
+                 str("JacobianCheck({} derivatives, the worst off by {:.1e}: {} of observation {})")
+                     .format(j.entries, j.worst_error, j.worst_parameter, j.worst_observation);
+           })
+      .def(py::pickle(
+          [](const J& j) {
+            return py::make_tuple(j.entries, j.worst_error, j.worst_observation, j.worst_parameter);
+          },
+          [](const py::tuple& state) {
+            return J{state[0].cast<long>(),
+                     state[1].cast<double>(),
+                     state[2].cast<int>(),
+                     state[3].cast<std::string>()};
+          }));
   m.def("check",
         &check,
         py::arg("arrays"),

@@ -73,7 +73,8 @@ def convert_file(
     if ranks is not None or parts is not None:
         _require_nothing_for_one_file(format, images)
     if ranks is not None:
-        return run_on_ranks(ranks, lambda heeded: _convert_on_ranks(source, target, parts, ranks))
+        common = {"command": "convert", "INPUT": source, "OUTPUT": target, "--parts": parts}
+        return run_on_ranks(ranks, common, lambda heeded: _convert_on_ranks(source, target, parts, ranks))
     plain = parts is None and format is None and images is None
     if plain and target.suffix.lower() in POSITION_SUFFIXES:
         return _convert_to_positions(source, target)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from sfmcpp.cli.console import ExitCode, print_note
@@ -78,13 +78,17 @@ def launched_ranks(*, asked: bool) -> Ranks | None:
     return ranks if ranks.size > 1 else None
 
 
-def run_on_ranks(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]) -> ExitCode:
+def run_on_ranks(
+    ranks: Ranks, arguments: Mapping[str, object], command: Callable[[Callable[[], None]], ExitCode]
+) -> ExitCode:
     """Run a command on all ranks; one that fails alone reports its error and ends all.
 
     Parameters
     ----------
     ranks : Ranks
         The processes.
+    arguments : mapping
+        What the command was given, by name. Ranks that were given something else would wait for each other.
     command : callable
         What each does. An error of the package is one of all ranks; only rank 0 raises it. It is given what
         it calls where an interrupt of any rank has been heeded by all.
@@ -96,6 +100,9 @@ def run_on_ranks(ranks: Ranks, command: Callable[[Callable[[], None]], ExitCode]
     """
     try:
         with single_interrupt() as heeded:
+            from sfmcpp.ba.parts import require_alike
+
+            require_alike(ranks, dict(arguments))
             return command(heeded)
     except SfmcppError:
         if ranks.is_root:

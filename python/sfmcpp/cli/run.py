@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,7 +92,7 @@ def solve_file(job: Job) -> ExitCode:
     """
     ranks = launched_ranks(asked=job.mpi)
     if ranks is not None:
-        return run_on_ranks(ranks, lambda heeded: _solve_file_on(job, ranks, heeded))
+        return run_on_ranks(ranks, _common_to_ranks(job), lambda heeded: _solve_file_on(job, ranks, heeded))
     _check(job)
     job.checkpoints.check(quiet=job.quiet)
     started = time.perf_counter()
@@ -128,6 +128,13 @@ def solve_file(job: Job) -> ExitCode:
         placed: dict[str, GpsOutcome | ControlOutcome] = {} if gps is None else {"gps": gps}
         placed |= {} if control is None else {"control": control}
         return _report_and_print(job, size, summary, seconds_read, complaints, placed, known)
+
+
+def _common_to_ranks(job: Job) -> dict[str, object]:
+    """What of a command all ranks must be given alike."""
+    common = {f"{each.name} of the command": getattr(job, each.name) for each in fields(job)}
+    options = {name: value for name, value in job.options.items() if name != "threads"}
+    return {"command": "solve", **common, "options of the command": options}
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sfmcpp import _core
 from sfmcpp.doctor.case import Case, extent_px, image_sizes_px
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import adjusted
@@ -27,8 +28,6 @@ _AS_WELL = 1.2
 _MOST = 0.5
 # Real sets of good repute have up to 0.3 % of their points behind a camera (BAL's Ladybug).
 _NOTABLE_BEHIND = 0.01
-# No aspect, but maybe a focal length [px]: as the core has it, whose checks warn of such an aspect.
-_LEAST_FY = 20.0
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def fy_for_aspect(problem: Problem) -> Problem:
     What is an aspect would become tiny, and all images lie near a line: nearer to the pixels than those of
     cameras that look elsewhere.
     """
-    if "aspect" not in problem.intrinsic_names or not (problem.intrinsics[:, 1] > _LEAST_FY).all():
+    if "aspect" not in problem.intrinsic_names or not (problem.intrinsics[:, 1] > _core.LEAST_FY).all():
         return problem
     rows = problem.intrinsics.copy()
     rows[:, 1] /= rows[:, 0]

@@ -139,6 +139,14 @@ def typed_array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int,
     return np.ascontiguousarray(array, dtype=dtype)
 
 
+def for_each(name: str, value: ArrayLike, count: int, shape: tuple[int, ...] = ()) -> FloatArray:
+    """(count, *shape) float64 of as many values, or of one for all, of that shape; else InvalidArgument."""
+    array = number_array(name, value)
+    if array.shape == shape:
+        array = np.tile(array, (count, *(1 for _ in shape)))
+    return typed_array(name, array, np.float64, (count, *shape))
+
+
 def chosen_rows(value: ArrayLike, count: int) -> NDArray[Any]:
     """The argument `chosen` as numbers from 0 to `count` − 1, or as a mask of `count`."""
     rows = number_array("chosen", value)

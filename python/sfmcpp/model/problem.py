@@ -16,6 +16,7 @@ from sfmcpp.model.arrays import (
     BoolArray,
     FloatArray,
     IndexArray,
+    for_each,
     typed_array,
 )
 from sfmcpp.model.camera_function import CameraFunction
@@ -56,10 +57,10 @@ class Problem(NamedFields):
     intrinsics_index : (C,) int32, optional
         Row of `intrinsics` that each camera uses. Default: camera i uses row i (then G = C).
     sigma_px : (M,) float64, optional
-        Standard deviation of each observation [px]. Default: 1 px everywhere.
+        Standard deviation of each observation [px], or one number for all. Default: 1 px everywhere.
     covariance_px2 : (M, 2, 2) float64, optional
-        Covariance of each observation [px²], in place of `sigma_px`. Residuals are then
-        ``L (observed − projected)`` with ``LᵀL = Σ⁻¹``, L lower triangular (thesis eq. 1.18).
+        Covariance of each observation [px²], or one (2, 2) for all, in place of `sigma_px`. Residuals are
+        then ``L (observed − projected)`` with ``LᵀL = Σ⁻¹``, L lower triangular (thesis eq. 1.18).
     fixed_cameras : (C,) bool, optional
         Cameras with fixed pose. Default: none.
     fixed_points : (N,) bool, optional
@@ -126,11 +127,9 @@ class Problem(NamedFields):
         self.point_index = typed_array("point_index", self.point_index, np.int32, (count,))
         self.pixels = typed_array("pixels", self.pixels, np.float64, (count, 2))
         if self.sigma_px is not None:
-            self.sigma_px = typed_array("sigma_px", self.sigma_px, np.float64, (count,))
+            self.sigma_px = for_each("sigma_px", self.sigma_px, count)
         if self.covariance_px2 is not None:
-            self.covariance_px2 = typed_array(
-                "covariance_px2", self.covariance_px2, np.float64, (count, 2, 2)
-            )
+            self.covariance_px2 = for_each("covariance_px2", self.covariance_px2, count, (2, 2))
             require_one_uncertainty(self.sigma_px, self.covariance_px2)
         if self.rigs is not None:
             _require_fitting_rigs(self.rigs, self.num_cameras)

@@ -17,6 +17,7 @@ from sfmcpp.model.arrays import (
     BoolArray,
     chosen_rows,
     each_once,
+    for_each,
     index_array,
     new_numbers,
     number_array,
@@ -185,9 +186,7 @@ def with_added_points(
     seen = typed_array("pixels", pixels, np.float64, (count, 2))
     uncertainty = problem.uncertainty
     if sigma_px is not None or problem.sigma_px is not None or problem.covariance_px2 is not None:
-        given = number_array("sigma_px", 1.0 if sigma_px is None else sigma_px)
-        given = np.full(count, given) if given.ndim == 0 else given
-        sigmas = typed_array("sigma_px", given, np.float64, (count,))
+        sigmas = for_each("sigma_px", 1.0 if sigma_px is None else sigma_px, count)
         uncertainty = uncertainty.followed_by(sigmas, problem.num_observations)
     return changed(
         problem,

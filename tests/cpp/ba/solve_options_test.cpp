@@ -203,6 +203,21 @@ TEST(SolveOptions, NumbersOfTheLineSearchOutOfRangeAreNamed) {
   }
 }
 
+TEST(SolveOptions, ALineSearchThatWouldNeverSearchIsRefused) {
+  SolveOptions options;
+  optim::LineSearchOptions& search = options.minimizer.line_search;
+  search.iterations = 0;
+  EXPECT_EQ(refusal(options), "legal") << "there is none";
+  search.kind = LineSearchKind::kGlobalAlgebraic;
+  EXPECT_EQ(refusal(options),
+            "line_search_iterations = 0 with line_search = 'g-als': it would never search; choose "
+            "line_search_on_rejection, line_search_damping or 'none'");
+  search.on_rejection = true;
+  EXPECT_EQ(refusal(options), "legal");
+  search = {.kind = LineSearchKind::kGlobalAlgebraic, .iterations = 0, .damping_threshold = 1e-4};
+  EXPECT_EQ(refusal(options), "legal");
+}
+
 TEST(SolveOptions, NumbersThatAreNoEnumeratorsAreRefused) {
   SolveOptions options;
   options.loss = static_cast<LossKind>(99);

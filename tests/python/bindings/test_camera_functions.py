@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -179,6 +180,7 @@ def test_check_jacobians_tells_wrong_derivatives_from_right_ones() -> None:
     assert bad.worst_parameter == "k1"
     assert bad.worst_error == pytest.approx(0.01, rel=0.1)
     assert repr(bad).startswith("JacobianCheck(")
+    assert repr(pickle.loads(pickle.dumps(bad))) == repr(bad)
     assert f"k1 of observation {bad.worst_observation}" in repr(bad)
 
 

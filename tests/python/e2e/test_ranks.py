@@ -247,6 +247,46 @@ def test_what_is_wrong_is_said_once(arguments: tuple[str, ...], reason: str, tmp
 
 
 @pytest.mark.parametrize(
+    ("others", "named"),
+    [
+        (("solve", "IN", "-o", "out.npz"), "targets of the command"),  # which only some would write
+        (("solve", "IN", "--max-iterations", "3"), "options of the command"),
+        (("convert", "IN", "out.parts"), "command"),
+    ],
+)
+def test_ranks_that_were_given_other_commands_do_not_wait_for_each_other(
+    others: tuple[str, ...], named: str, tmp_path: Path
+) -> None:
+    source = write_noisy_circle(tmp_path)
+    paths = {"IN": str(source), **{name: str(tmp_path / name) for name in ("out.npz", "out.parts")}}
+    mine = [sys.executable, "-m", "sfmcpp", "solve", str(source)]
+    theirs = [*mine[:3], *(paths.get(a, a) for a in others)]
+    result = subprocess.run(
+        [str(MPIEXEC), "-n", "1", *mine, ":", "-n", "1", *theirs],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        env=ENVIRONMENT,
+    )
+    assert result.returncode == 2
+    assert is_one_error_line(result), result.stderr
+    assert f"{named}: differs between ranks 0 and 1, must be the same on all" in result.stderr
+    assert not (tmp_path / "out.npz").exists()
+
+
+def test_each_rank_may_have_its_own_number_of_threads(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sfmcpp", "solve", str(write_noisy_circle(tmp_path)), "--threads"]
+    result = subprocess.run(
+        [str(MPIEXEC), "-n", "1", *command, "1", ":", "-n", "1", *command, "2"],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        env=ENVIRONMENT,
+    )
+    require_success(result)
+
+
+@pytest.mark.parametrize(
     ("arguments", "told"),
     [
         (("solve", "a.npz", "--frobnicate"), "sfmcpp: error: No such option: --frobnicate"),

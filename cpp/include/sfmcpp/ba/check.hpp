@@ -77,6 +77,9 @@ std::vector<std::string> warnings_about_parallax(const Problem& problem,
                                                  Exchange& exchange = this_process(),
                                                  std::span<const char> of_others = {});
 
+// No lens squeezes images so much: an aspect above this is probably a focal length, fy [px].
+inline constexpr double kLeastFy = 20.0;
+
 // The same of cameras whose observations are fewer than the six numbers of their pose, and of rows
 // of intrinsics whose focal length is not positive, or whose aspect looks like one.
 std::vector<std::string> warnings_about_cameras(const Problem& problem,

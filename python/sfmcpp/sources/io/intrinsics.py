@@ -250,9 +250,6 @@ def undistorted(problem: Problem, values: FloatArray) -> Problem:
     def moved(pixels: FloatArray) -> FloatArray:
         return undistorted_pixels(pixels, values, of_view)
 
-    pixels = moved(problem.pixels)
-    if problem.sigma_px is None and problem.covariance_px2 is None:
-        return replace(problem, pixels=pixels)
     steps = _STEP_PX * np.eye(2)
     slopes = [
         (moved(problem.pixels + step) - moved(problem.pixels - step)) / (2 * _STEP_PX) for step in steps
@@ -260,4 +257,4 @@ def undistorted(problem: Problem, values: FloatArray) -> Problem:
     jacobians = np.stack(slopes, axis=2)
     stated = problem.uncertainty.as_covariances(problem.num_observations)
     covariances = jacobians @ stated @ np.swapaxes(jacobians, 1, 2)
-    return replace(problem, pixels=pixels, sigma_px=None, covariance_px2=covariances)
+    return replace(problem, pixels=moved(problem.pixels), sigma_px=None, covariance_px2=covariances)

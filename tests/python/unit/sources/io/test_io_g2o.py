@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -196,3 +197,15 @@ def test_uncertainties_follow_undistorted_pixels(correlation: float, tmp_path: P
     before, after = (np.linalg.norm(sfmcpp.residuals(p), axis=1) for p in (problem, again))
     np.testing.assert_allclose(after, before, rtol=2e-3)
     assert np.abs(again.covariance_px2 - stated).max() > 0.05
+
+
+def test_one_pixel_in_the_distorted_image_is_the_uncertainty_where_none_is_stated(tmp_path: Path) -> None:
+    problem = sfmcpp.sphere_scene(
+        6, 80, ball_m=9.0, camera_model="perspective", distortion=(-0.4, 0.05), pixel_sigma_px=0.02, seed=2
+    )
+    assert problem.sigma_px is None
+    sfmcpp.write(problem, tmp_path / "none.g2o")
+    sfmcpp.write(replace(problem, sigma_px=1.0), tmp_path / "one.g2o")
+    assert (tmp_path / "none.g2o").read_bytes() == (tmp_path / "one.g2o").read_bytes()
+    again = sfmcpp.read(tmp_path / "none.g2o")
+    assert sfmcpp.cost(again) == pytest.approx(sfmcpp.cost(problem), rel=2e-3)
