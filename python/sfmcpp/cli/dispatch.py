@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext, redirect_stdout
 
 from sfmcpp.cli.console import ExitCode, in_words, print_error, print_interrupted
 from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
 from sfmcpp.cli.mpi_launch import is_said_by_another
 from sfmcpp.cli.reading_apart import is_read_apart, solve_as_read_apart
+
+# By the kinds of pydantic's errors.
+_RULES = {
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "int_parsing_size": "has too many digits",
+    "float_parsing": "must be a number",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than_equal": "must be at most {le}",
+}
 
 
 def dispatch(given: list[str]) -> int:
@@ -86,9 +96,19 @@ def _is_of_a_path(error: Exception) -> bool:
 
 def _usage_message(error: Exception) -> str:
     message: str = error.format_message()  # type: ignore[attr-defined]
+    for own_words, in_ours in _refused_values(error):
+        message = message.replace(own_words, in_ours)
     context = getattr(error, "ctx", None)
     command = "sfmcpp" if context is None else context.command_path
     return f"{' '.join(message.split()).rstrip('.')} (see '{command} --help')"
+
+
+def _refused_values(error: Exception) -> Iterator[tuple[str, str]]:
+    """What pydantic, by which newer versions of typer read numbers, says of a value, and what we say, with it."""
+    complaints = getattr(error.__cause__, "errors", None)
+    for found in complaints() if callable(complaints) else ():
+        rule = _RULES.get(found["type"], found["msg"]).format(**found.get("ctx", {}))
+        yield found["msg"], f"{found['input']!r}: {rule}"
 
 
 def _replace_what_cannot_be_encoded() -> None:
