@@ -104,7 +104,7 @@ def _usage_message(error: Exception) -> str:
 
 
 def _refused_values(error: Exception) -> Iterator[tuple[str, str]]:
-    """What pydantic, by which newer versions of typer read numbers, says of a value, and what we say, with it."""
+    """What pydantic, with which newer versions of typer read numbers, says of a value, and what we say."""
     complaints = getattr(error.__cause__, "errors", None)
     for found in complaints() if callable(complaints) else ():
         rule = _RULES.get(found["type"], found["msg"]).format(**found.get("ctx", {}))
