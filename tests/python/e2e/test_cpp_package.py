@@ -68,6 +68,16 @@ def test_the_example_builds_by_pkg_config_and_the_licences_come_along(built: Pat
     assert "Mozilla Public License" in (licences / "Eigen.txt").read_text()
 
 
+@pytest.mark.parametrize("example", ["bundle_adjustment", "bal", "own_functions"])
+def test_the_examples_compile_without_warnings(example: str, tmp_path: Path) -> None:
+    compiler = shutil.which("g++")
+    eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)
+    if compiler is None or eigen is None:
+        pytest.skip("no g++, or Eigen is elsewhere")
+    places = (f"-I{REPOSITORY / 'cpp/include'}", "-isystem", eigen, "-c", EXAMPLE / f"{example}.cpp", "-o")
+    run(compiler, "-std=c++20", "-O2", "-Wall", "-Wextra", "-Werror", *places, tmp_path / "a.o")
+
+
 def test_who_chooses_another_allocator_for_eigen_is_told_by_the_linker(built: Path, tmp_path: Path) -> None:
     compiler, core = shutil.which("g++"), REPOSITORY / "cpp/include"
     eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)
