@@ -47,6 +47,7 @@ from cli_helpers import (
         (["solve", "a.txt", "--max-seconds", "nan"], "--max-seconds nan"),
         (["solve", "a.txt", "--refine", "f,"], "'f,' holds an empty name"),
         (["convert", "a.txt"], "OUT"),
+        (["solve", "a.txt", "-o"], "'-o' requires an argument (see 'sfmcpp solve --help')"),
         (["solve", ""], "''"),
         (["solve", "a.txt", "--output="], "'--output='"),
     ],
