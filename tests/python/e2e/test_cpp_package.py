@@ -109,6 +109,27 @@ def test_sources_are_optimised_in_a_project_that_names_no_build_type(tmp_path: P
     assert "-O3" not in run("ninja", "-C", tmp_path, "-t", "commands", OBJECT)
 
 
+@pytest.mark.parametrize(
+    ("version", "told"), [(None, "not found: must"), ("3.3.7", "not found (there is 3.3.7)")]
+)
+def test_who_has_no_eigen_is_told_which_versions_will_do(
+    version: str | None, told: str, tmp_path: Path
+) -> None:
+    if shutil.which("cmake") is None or shutil.which("ninja") is None:
+        pytest.skip("no cmake or no ninja")
+    if version is not None:
+        (tmp_path / "Eigen3Config.cmake").touch()
+        (tmp_path / "Eigen3ConfigVersion.cmake").write_text(
+            f'set(PACKAGE_VERSION "{version}")\nset(PACKAGE_VERSION_COMPATIBLE FALSE)\n'
+        )
+    search = ("-DCMAKE_FIND_ROOT_PATH=/nowhere", "-DCMAKE_FIND_ROOT_PATH_MODE_PACKAGE=ONLY")
+    command = ["cmake", "-S", REPOSITORY, "-B", tmp_path / "build", "-G", "Ninja"]
+    there = () if version is None else (f"-DEigen3_DIR={tmp_path}",)
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run(*command, *search, *there)
+    assert f"Eigen 3.4 or 5 is {told}" in " ".join(caught.value.stderr.split())
+
+
 def test_a_library_without_a_build_type_exports_sfmcpp_with_its_own(tmp_path: Path) -> None:
     """The libraries themselves are not needed."""
     if shutil.which("cmake") is None or shutil.which("ninja") is None:
