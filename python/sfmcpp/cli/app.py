@@ -17,7 +17,7 @@ from sfmcpp.cli.choices import (
     GpsSource,
     Resume,
     choice_option,
-    one_of,
+    look_of_names,
     refined_intrinsics,
     with_solve_options,
 )
@@ -46,9 +46,7 @@ Input = Annotated[Path, typer.Argument(metavar="INPUT", help="Problem to read, i
 CameraModel = Annotated[
     str | None,
     typer.Option(
-        metavar="NAME",
-        callback=one_of(("projective",)),
-        help="Convert the cameras to this model first: projective.",
+        help="Convert the cameras to this model first: projective.", **look_of_names(("projective",))
     ),
 ]
 Refine = Annotated[

@@ -62,11 +62,16 @@ def one_of(choices: tuple[str, ...]) -> Callable[[str | None], str | None]:
 
 def look_of_names(names: tuple[str, ...], metavar: str = "NAME") -> dict[str, Any]:
     """Keywords of an option or argument that takes one of the names: display, check and completion."""
+    return {"metavar": metavar, "callback": one_of(names), "autocompletion": completion_of(names)}
+
+
+def completion_of(names: tuple[str, ...]) -> Callable[[str], list[str]]:
+    """What a shell is told of the names: those that begin as what is typed does."""
 
     def complete(incomplete: str) -> list[str]:
         return [name for name in names if name.startswith(incomplete)]
 
-    return {"metavar": metavar, "callback": one_of(names), "autocompletion": complete}
+    return complete
 
 
 def choice_option(names: tuple[str, ...], text: str, more: str = "") -> Any:

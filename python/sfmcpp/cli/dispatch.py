@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext, redirect_stdout
+from typing import Any
 
 from sfmcpp.cli.console import ExitCode, in_words, print_error, print_interrupted
 from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
 from sfmcpp.cli.mpi_launch import is_said_by_another
 from sfmcpp.cli.reading_apart import is_read_apart, solve_as_read_apart
+
+# By the kinds of pydantic's errors.
+_RULES = {
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "int_parsing_size": "has too many digits",
+    "float_parsing": "must be a number",
+    "greater_than_equal": "must be at least {ge}",
+    "less_than_equal": "must be at most {le}",
+}
 
 
 def dispatch(given: list[str]) -> int:
@@ -61,7 +72,7 @@ def _dispatch(arguments: list[str]) -> int:
     try:
         result = command(arguments, prog_name="sfmcpp", standalone_mode=False)
     except usage_error as error:
-        message = _usage_message(error)
+        message = _usage_message(error, _place_of_help(error, arguments, command))
         return print_error(message) if _is_of_a_path(error) else _refuse_usage(arguments, message)
     except typer.Abort:
         return print_interrupted()
@@ -84,11 +95,28 @@ def _is_of_a_path(error: Exception) -> bool:
     return getattr(kind, "name", "") in ("path", "file", "directory")
 
 
-def _usage_message(error: Exception) -> str:
-    message: str = error.format_message()  # type: ignore[attr-defined]
+def _place_of_help(error: Exception, arguments: list[str], program: Any) -> str:
+    """The command whose help tells more; an error of an option without its value does not say where it is."""
     context = getattr(error, "ctx", None)
-    command = "sfmcpp" if context is None else context.command_path
+    if context is not None:
+        return str(context.command_path)
+    return " ".join(["sfmcpp", *(name for name in arguments[:1] if name in program.commands)])
+
+
+def _usage_message(error: Exception, command: str) -> str:
+    message: str = error.format_message()  # type: ignore[attr-defined]
+    for own_words, in_ours in _refused_values(error):
+        message = message.replace(own_words, in_ours)
     return f"{' '.join(message.split()).rstrip('.')} (see '{command} --help')"
+
+
+def _refused_values(error: Exception) -> Iterator[tuple[str, str]]:
+    """What pydantic, with which newer versions of typer read numbers, says of a value, and what we say."""
+    complaints = getattr(error.__cause__, "errors", None)
+    for found in complaints() if callable(complaints) else ():
+        known = _RULES.get(found["type"])
+        rule = found["msg"] if known is None else known.format(**found.get("ctx", {}))
+        yield found["msg"], f"{found['input']!r}: {rule}"
 
 
 def _replace_what_cannot_be_encoded() -> None:

@@ -15,6 +15,10 @@ _OTHER_NAMES = {
     "sigmas": "sensor_sigma",
     "sensor_columns": "sensor_column",
     "clock_offset_s": "clock_offset",
+    "num_cameras": "cameras",
+    "num_points": "points",
+    "share": "outliers",
+    "sigma_px": "outlier_sigma_px",
 }
 _NAMED = re.compile(r"\b(\w+)(?:\['(\w+)'\])? = |^(\w+): ")
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import Checkpoint, CheckpointEvery, Resume, choice_option
+from sfmcpp.cli.choices import Checkpoint, CheckpointEvery, Resume, choice_option, completion_of
 from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_stream import SENSORS
@@ -123,6 +123,7 @@ Output = Annotated[
 Sensors = Annotated[
     list[str] | None,
     typer.Option("--sensor", metavar="NAME", callback=lambda names: _known_sensors(names or []),
+                 autocompletion=completion_of(tuple(SENSORS)),
                  help=f"Sensor to use beside the camera; repeatable: {', '.join(SENSORS)}."),
 ]  # fmt: skip
 SensorFiles = Annotated[

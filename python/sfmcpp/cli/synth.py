@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from sfmcpp.cli.choices import look_of_names
+from sfmcpp.cli.choices import completion_of, look_of_names
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
@@ -27,7 +27,12 @@ Truth = Annotated[
 Cameras = Annotated[int | None, typer.Option(metavar="N", help=f"Number of cameras. {_DEFAULT}")]
 Points = Annotated[int | None, typer.Option(metavar="N", help=f"Number of points. {_DEFAULT}")]
 CameraModel = Annotated[
-    str | None, typer.Option(metavar="NAME", help=f"calibrated, perspective or bal. {_DEFAULT}")
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        autocompletion=completion_of(("calibrated", "perspective", "bal")),
+        help=f"calibrated, perspective or bal. {_DEFAULT}",
+    ),
 ]
 Focal = Annotated[float | None, typer.Option(metavar="PX", help=f"Focal length. {_DEFAULT}")]
 RadialDistortion = Annotated[

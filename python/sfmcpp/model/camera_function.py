@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -43,7 +43,7 @@ class CameraFunction:
         arguments. These are copies, which it may change, and it may return the same array each time. NaN: the
         camera cannot see this point; a step that leads there is rejected. An exception ends the solve and is
         passed on; the problem then has the best state so far.
-    intrinsics : tuple of str
+    intrinsics : sequence of str
         Names of the K intrinsic parameters, 1 to 12. The constraints ``focal`` and ``principal-point`` go by
         ``f``, ``cx`` and ``cy``.
     jacobians : callable, optional
@@ -52,7 +52,7 @@ class CameraFunction:
         :func:`sfmcpp.check_jacobians`.
     name : str
         Its name in messages. Default: that of `project`.
-    free_by_default : tuple of str
+    free_by_default : sequence of str
         Intrinsics that are free by default. Default: none.
 
     Raises
@@ -67,6 +67,17 @@ class CameraFunction:
     jacobians: Jacobians | None = None
     name: str = ""
     free_by_default: tuple[str, ...] = ()
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(
+            self,
+            project: Projection,
+            intrinsics: Sequence[str],
+            jacobians: Jacobians | None = None,
+            name: str = "",
+            free_by_default: Sequence[str] = (),
+        ) -> None: ...
 
     can_be_free = True
     metric = True

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array, number_array, shaped_array
@@ -41,7 +42,8 @@ class View:
     Attributes
     ----------
     tracks : (n,) int32
-        Numbers of the tracks, each once, ascending.
+        Numbers of the tracks, each once, ascending. Given to a step of a run: any integers from 0 on, in any
+        order.
     pixels : (n, 2) float64
         Where it sees them [px].
     right : RightView, optional
@@ -51,6 +53,16 @@ class View:
     tracks: IndexArray
     pixels: FloatArray
     right: RightView | None = None
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(self, tracks: ArrayLike, pixels: ArrayLike, right: RightView | None = None) -> None: ...
+
+    def __post_init__(self) -> None:
+        for name in ("tracks", "pixels"):
+            given = getattr(self, name)
+            if not isinstance(given, np.ndarray):
+                object.__setattr__(self, name, number_array(f"view.{name}", given))
 
     def only(self, mask: NDArray[np.bool_]) -> View:
         """Those of `mask` (n,)."""

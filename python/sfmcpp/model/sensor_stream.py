@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
-from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array, require_increasing, shaped_array
+from sfmcpp.model.arrays import (
+    ANY,
+    BoolArray,
+    FloatArray,
+    finite_array,
+    number_array,
+    require_increasing,
+    shaped_array,
+)
 from sfmcpp.model.checks import looked_up, require_near, require_not_negative
 
 # Faster than any road vehicle or train the package is meant for.
@@ -305,7 +313,7 @@ class SensorStream:
         largest = {"max_gap_s": None} if self._has_default_gap else {}
         return replace(self, t_s=self.t_s + clock_offset_s, **largest)  # type: ignore[arg-type]
 
-    def extended(self, t_s: FloatArray, values: FloatArray) -> SensorStream:
+    def extended(self, t_s: ArrayLike, values: ArrayLike) -> SensorStream:
         """These measurements and later ones; the default of `max_gap_s` is that of all of them.
 
         InvalidArgument if one comes more than a day after the one before: its unit is another.
@@ -332,9 +340,10 @@ class SensorStream:
         return f"SensorStream({self.name!r}: {len(self)} of {self.kind}, {span}, {len(self.gaps())} gaps)"
 
 
-def _columns(given: FloatArray, width: int) -> FloatArray:
+def _columns(given: ArrayLike, width: int) -> ArrayLike:
     """A row of numbers as a column, where there is one."""
-    return np.reshape(given, (-1, 1)) if width == 1 and np.ndim(given) == 1 else given
+    values = number_array("values", given)
+    return values.reshape(-1, 1) if width == 1 and values.ndim == 1 else given
 
 
 def _values(given: FloatArray, stamps: FloatArray, kind: SensorKind) -> FloatArray:

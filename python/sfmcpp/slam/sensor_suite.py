@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Gap, SensorStream, Trajectory
@@ -103,7 +104,7 @@ class SensorSuite:
             setattr(self, name, state[name])
         self._apply_corrections()
 
-    def feed(self, name: str, t_s: FloatArray, values: FloatArray) -> None:
+    def feed(self, name: str, t_s: ArrayLike, values: ArrayLike) -> None:
         """More measurements of the sensor of that name, later than those it has."""
         known = [sensor.name for sensor in self.given if isinstance(sensor, STAMPED)]
         if name not in known:

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Gap
@@ -92,19 +93,19 @@ class Slam:
     @checked(intrinsics=(ANY,))
     def __init__(
         self,
-        intrinsics: FloatArray,
+        intrinsics: ArrayLike,
         settings: SlamSettings | None = None,
         sensors: Sequence[MotionSensor] = (),
     ) -> None:
-        _require_intrinsics(intrinsics)
+        self._intrinsics = np.asarray(intrinsics, np.float64)
+        _require_intrinsics(self._intrinsics)
         self._finished = False
         self.settings = settings or SlamSettings()
-        self._intrinsics = intrinsics
         self._sensors = SensorSuite(sensors)
         self.result = SlamResult(warnings=faults_of_streams(self._sensors))
         # Looks for the start of a map, or of a new part of it; None while the camera is tracked.
         self._initialiser: Initialiser | None = self._new_initialiser()
-        self._follower = Follower(intrinsics, self.settings, self._sensors)
+        self._follower = Follower(self._intrinsics, self.settings, self._sensors)
         # The frames from the last keyframe on, and this one.
         self._lately: list[Frame] = []
         self._tracks = TrackNumbers()
@@ -146,7 +147,7 @@ class Slam:
     def _new_initialiser(self) -> Initialiser:
         return Initialiser(self._intrinsics, self.settings, self._sensors)
 
-    def feed(self, name: str, t_s: FloatArray, values: FloatArray) -> None:
+    def feed(self, name: str, t_s: ArrayLike, values: ArrayLike) -> None:
         """Take later measurements (n, k) of the sensor of that name, before the frames that they are for.
 
         Raises

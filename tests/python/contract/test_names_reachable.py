@@ -192,6 +192,9 @@ def test_editors_are_told_the_names_that_an_option_of_solve_takes(option: str) -
         ("solve --line-search-d", ["--line-search-damping"]),
         ("solve --method lm", ["lm", "lm-nielsen"]),
         ("slam --corners ha", ["harris"]),
+        ("slam --sensor od", ["odometer"]),
+        ("solve --camera-model p", ["projective"]),
+        ("synth --camera-model p", ["perspective"]),
     ],
 )
 def test_shells_complete_commands_options_and_names(words: str, completed: list[str]) -> None:

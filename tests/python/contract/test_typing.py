@@ -15,6 +15,7 @@ PROGRAM = """
 import numpy as np
 from numpy.typing import NDArray
 import sfmcpp
+from sfmcpp import slam
 from sfmcpp.geometry import Similarity
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.sensors import Mounting
@@ -36,6 +37,11 @@ Similarity(2.0, np.eye(3), [0, 0, 1])
 Mounting([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [0, 0, 1])
 SensorStream([0, 1], [[2], [3]], "speed")
 Trajectory(range(2), cameras)
+robot = slam.Slam([500, 1, 320, 240, 0])
+robot.feed("odometer", [0.0, 0.1], [1, 2])
+robot.step(slam.Frame(0, 0.0, slam.View(np.arange(2), [[1, 2], [3, 4]])))
+tracks: NDArray[np.int32] = slam.View([0], [[1, 2]]).tracks
+sfmcpp.CameraFunction(lambda places, row: row[:, :1] * places[:, :2], ["f"], free_by_default=["f"])
 """
 WRONG = 'sfmcpp.ConstraintGroup("position", object(), None, sigma="much", weight="auto")\n'
 

@@ -68,6 +68,16 @@ def test_the_example_builds_by_pkg_config_and_the_licences_come_along(built: Pat
     assert "Mozilla Public License" in (licences / "Eigen.txt").read_text()
 
 
+@pytest.mark.parametrize("example", ["bundle_adjustment", "bal", "own_functions"])
+def test_the_examples_compile_without_warnings(example: str, tmp_path: Path) -> None:
+    compiler = shutil.which("g++")
+    eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)
+    if compiler is None or eigen is None:
+        pytest.skip("no g++, or Eigen is elsewhere")
+    places = (f"-I{REPOSITORY / 'cpp/include'}", "-isystem", eigen, "-c", EXAMPLE / f"{example}.cpp", "-o")
+    run(compiler, "-std=c++20", "-O2", "-Wall", "-Wextra", "-Werror", *places, tmp_path / "a.o")
+
+
 def test_who_chooses_another_allocator_for_eigen_is_told_by_the_linker(built: Path, tmp_path: Path) -> None:
     compiler, core = shutil.which("g++"), REPOSITORY / "cpp/include"
     eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)
@@ -97,6 +107,27 @@ def test_sources_are_optimised_in_a_project_that_names_no_build_type(tmp_path: P
     (solve,) = (line for line in lines if line.endswith("/src/ba/solve.cpp"))
     assert "-O3" in solve
     assert "-O3" not in run("ninja", "-C", tmp_path, "-t", "commands", OBJECT)
+
+
+@pytest.mark.parametrize(
+    ("version", "told"), [(None, "not found: must"), ("3.3.7", "not found (there is 3.3.7)")]
+)
+def test_who_has_no_eigen_is_told_which_versions_will_do(
+    version: str | None, told: str, tmp_path: Path
+) -> None:
+    if shutil.which("cmake") is None or shutil.which("ninja") is None:
+        pytest.skip("no cmake or no ninja")
+    if version is not None:
+        (tmp_path / "Eigen3Config.cmake").touch()
+        (tmp_path / "Eigen3ConfigVersion.cmake").write_text(
+            f'set(PACKAGE_VERSION "{version}")\nset(PACKAGE_VERSION_COMPATIBLE FALSE)\n'
+        )
+    search = ("-DCMAKE_FIND_ROOT_PATH=/nowhere", "-DCMAKE_FIND_ROOT_PATH_MODE_PACKAGE=ONLY")
+    command = ["cmake", "-S", REPOSITORY, "-B", tmp_path / "build", "-G", "Ninja"]
+    there = () if version is None else (f"-DEigen3_DIR={tmp_path}",)
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run(*command, *search, *there)
+    assert f"Eigen 3.4 or 5 is {told}" in " ".join(caught.value.stderr.split())
 
 
 def test_a_library_without_a_build_type_exports_sfmcpp_with_its_own(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from sfmcpp import ConstraintGroup, InvalidArgument, Problem
 from sfmcpp.map import map_of_problem
 from sfmcpp.model import SensorStream
 from sfmcpp.model.image_tracks import image_tracks
-from sfmcpp.slam import SlamSettings
+from sfmcpp.slam import SlamSettings, View
 
 RAGGED = [[1.0], [2.0, 3.0]]
 MASKED = np.ma.masked_equal(np.arange(300.0), 7).reshape(150, 2)
@@ -93,6 +93,8 @@ def group(**changes: Any) -> ConstraintGroup:
         ),
         (lambda: image_tracks([0], [0], [[1, 2]], sizes=RAGGED), "sizes = .*: must be an array of numbers"),
         (lambda: SensorStream([0, 1], RAGGED, "velocity"), "must be an array of numbers"),
+        (lambda: SensorStream([0, 1], RAGGED, "speed"), "must be an array of numbers"),
+        (lambda: View([0, 1], RAGGED), "view.pixels = .*must be an array of numbers"),
         (lambda: SlamSettings(window=math.nan), "window = nan: must be a whole number"),  # type: ignore[arg-type]
         (lambda: SlamSettings(window=2.5), "window = 2.5: must be a whole number"),  # type: ignore[arg-type]
         (lambda: SlamSettings(window=None), "window = None: must be a whole number"),  # type: ignore[arg-type]
