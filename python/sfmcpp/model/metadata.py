@@ -212,7 +212,9 @@ def require_entries(extra: dict[str, Any]) -> None:
         _require_array(name, number_array(f"metadata {name}", extra[name]))
     for name in _TEXTS:
         if not _are_texts(extra.get(name, ())):
-            raise InvalidArgument(f"metadata {name} = {extra[name]!r}: must be a list of str")
+            found = " ".join(repr(extra[name]).split())  # an array has lines
+            raise InvalidArgument(f"metadata {name} = {found}: must be a list of str")
+    WorldOrigin.of_entries(extra)
     lengths = [len(extra.get(name, ())) for name in LOOSE]
     if len(set(lengths)) > 1:
         lengths_text = ", ".join(f"{name} {length}" for name, length in zip(LOOSE, lengths, strict=True))
@@ -306,9 +308,14 @@ class WorldOrigin:
     @classmethod
     def of(cls, metadata: Metadata) -> WorldOrigin | None:
         """The origin in ``metadata.extra``; None if there is none."""
+        return cls.of_entries(metadata.extra)
+
+    @classmethod
+    def of_entries(cls, extra: dict[str, Any]) -> WorldOrigin | None:
+        """The same of the entries alone; InvalidArgument if it is not three finite numbers."""
         for geodetic, key in _KEYS.items():
-            if key in metadata.extra:
-                return cls(finite_array(f"metadata {key}", metadata.extra[key], (3,)), geodetic)
+            if key in extra:
+                return cls(finite_array(f"metadata {key}", extra[key], (3,)), geodetic)
         return None
 
     def put_into(self, metadata: Metadata) -> None:
