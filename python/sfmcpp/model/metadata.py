@@ -198,6 +198,13 @@ class Metadata(NamedFields):
         )
 
 
+def some_metadata(value: Metadata | None) -> Metadata:
+    """The argument `metadata`, empty ones for None; InvalidArgument for anything else."""
+    if value is not None and not isinstance(value, Metadata):
+        raise InvalidArgument(f"metadata = {value!r}: must be Metadata or None")
+    return Metadata() if value is None else value
+
+
 def keypoint_entries(
     observed: NDArray[Any], loose_image: NDArray[Any], loose_number: NDArray[Any], loose_pixels: FloatArray
 ) -> dict[str, Any]:

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp import ConstraintGroup, InvalidArgument, Problem
+from sfmcpp import ConstraintGroup, InvalidArgument, Problem, sfm
+from sfmcpp.doctor import repair
 from sfmcpp.map import map_of_problem
 from sfmcpp.model import SensorStream
 from sfmcpp.model.image_tracks import image_tracks
+from sfmcpp.sensors import Mounting
 from sfmcpp.slam import SlamSettings
+from sfmcpp.sources.vision import KltSettings, detect_in, follow_features, match
 
 RAGGED = [[1.0], [2.0, 3.0]]
 MASKED = np.ma.masked_equal(np.arange(300.0), 7).reshape(150, 2)
@@ -52,6 +55,7 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: group(values=np.ma.masked_all((1, 3))), "values: 3 entries are masked"),
         (lambda: made(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: made(fixed_cameras=RAGGED), "fixed_cameras = .*: must be an array of numbers"),
+        (lambda: made(metadata={}), r"metadata = \{\}: must be Metadata or None"),
         (lambda: made(fixed_points=[]), r"fixed_points: .*\(0,\), must be \(30\)|cannot be used as bool"),
         (
             lambda: scene().with_observations(np.ones(3, bool)),
@@ -103,6 +107,44 @@ def test_arguments_that_are_none_are_named(call: Callable[[], object], told: str
         call()
 
 
+PHOTO = np.zeros((70, 80, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: sfmcpp.diagnose(scene(), summary=3), "summary = 3: must be a Summary"),
+        (
+            lambda: sfmcpp.diagnose(scene(), constraints=np.array(3)),
+            r"constraints = array\(3\): must be a seq",
+        ),
+        (lambda: repair(scene(), constraints=None), "constraints = None: must be"),
+        (lambda: repair(3), "problem = 3: must be a Problem"),
+        (lambda: sfm.georeference(None, np.zeros((5, 3))), "problem = None: must be a Problem"),
+        (lambda: sfm.georeference(scene(), [object()] * 5), "positions = .*: must be an array of numbers"),
+        (lambda: sfm.georeference(scene(), np.ones((5, 3)) + 1j), "positions: must be an array of real"),
+        (lambda: sfm.georeference(scene(), np.ones((5, 3)), geodetic="no"), "geodetic = 'no': must be True"),
+        (
+            lambda: sfm.georeference(scene(), np.ones((5, 3)), sigmas_m=RAGGED),
+            "sigmas_m = .*: must be an arr",
+        ),
+        (lambda: sfm.fit_control_points(scene(), {}), r"control = \{\}: must be ControlPoints"),
+        (lambda: detect_in("a.jpg"), "color = 'a.jpg': must be an array of numbers"),
+        (lambda: detect_in(PHOTO, "a.png"), "mask = 'a.png': must be an array of numbers"),
+        (lambda: detect_in(PHOTO, settings=8), "settings = 8: must be a FeatureSettings"),
+        (lambda: match(RAGGED, RAGGED), "descriptors_1 = .*: must be an array of numbers"),
+        (lambda: match(PHOTO[0], PHOTO[0], mutual=[]), r"mutual = \[\]: must be True or False"),
+        (lambda: KltSettings(quality="high"), "quality = 'high': must be"),
+        (lambda: KltSettings(max_residual=None), "max_residual = None: must be"),
+        (lambda: list(follow_features([[[1, 2]]])), r"frames\[0\] is list: must be uint8"),
+        (lambda: Mounting(np.full((3, 3), 1e300), np.zeros(3)), "camera_from_body: is off by inf"),
+    ],
+)
+def test_arguments_of_other_tools_that_are_none_are_named(call: Callable[[], object], told: str) -> None:
+    with pytest.raises(InvalidArgument, match=told):
+        call()
+
+
 def test_no_observations_can_be_chosen_in_either_way() -> None:
     for chosen in ([], np.zeros(150, dtype=bool)):
         assert scene().with_observations(chosen).num_observations == 0
@@ -130,3 +172,9 @@ def test_a_list_in_place_of_names_of_intrinsics_is_told() -> None:
 def test_integers_beyond_all_numbers_are_named() -> None:
     with pytest.raises(InvalidArgument, match="values: holds an integer beyond all numbers of float64"):
         group(values=[[10**400, 0, 0]])
+
+
+def test_no_metadata_are_empty_ones() -> None:
+    problem = made(metadata=None)
+    assert problem.metadata.names(1) == ["image_000001"]
+    assert made(metadata=None).metadata is not problem.metadata
