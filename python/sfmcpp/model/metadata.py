@@ -81,7 +81,17 @@ class Metadata(NamedFields):
 
     def names(self, count: int) -> list[str]:
         """Names of `count` images: those that are known, or ``image_000001`` and so on where none are."""
+        self.require_names()
         return self.image_names or [f"image_{i:06d}" for i in range(1, count + 1)]
+
+    def require_names(self) -> None:
+        """Raise InvalidArgument unless `image_names` are a list of texts."""
+        names = self.image_names
+        if not isinstance(names, list | tuple):
+            raise InvalidArgument(f"metadata image_names: is a {type(names).__name__}, must be a list of str")
+        for number, name in enumerate(names):
+            if not isinstance(name, str):
+                raise InvalidArgument(f"metadata image_names[{number}] = {name!r}: must be text")
 
     def ids_of_points(self, points: Sequence[int], count: int) -> str:
         """COLMAP's ids of some of `count` points for a message, ``"POINT3D_ID 7, 12"``; empty if unknown."""
@@ -116,6 +126,7 @@ class Metadata(NamedFields):
     def of_cameras(self, chosen: NDArray[np.int64], count: int) -> Metadata:
         """Those of some of `count` cameras, by number: keypoints of the others are gone."""
         require_entries(self.extra)
+        self.require_names()
         extra, number = _rows_of_entries(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
         if LOOSE[0] in extra:
             images = _renumbered(extra[LOOSE[0]], number)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, IndexArray, number_array
 from sfmcpp.model.checks import require_count, require_fraction, require_one_of, require_positive
 from sfmcpp.model.frames import View
 from sfmcpp.sources.vision.images import GreyImage, load_cv2
@@ -210,8 +210,9 @@ class _Tracker:
 
 
 def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
-        found = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+    image = number_array(f"frames[{number}]", image)
+    if image.dtype != np.uint8 or image.ndim != 2:
+        found = f"{image.dtype} {image.shape}"
         raise InvalidArgument(f"frames[{number}] is {found}: must be uint8 (height, width)")
     if tracker is not None and image.shape != tracker.shape:
         rule = f"must be {tracker.shape} as the first"

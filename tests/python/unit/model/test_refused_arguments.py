@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp import ConstraintGroup, InvalidArgument, Problem, sfm
+from sfmcpp import ConstraintGroup, DatasetError, InvalidArgument, Problem, sfm
 from sfmcpp.doctor import repair
 from sfmcpp.map import map_of_problem
 from sfmcpp.model import SensorStream
@@ -38,6 +39,14 @@ def solved(**changes: Any) -> None:
     for name, value in changes.items():
         setattr(problem, name, value)
     sfmcpp.solve(problem, max_iterations=1)
+
+
+def perturbed(problem: Problem) -> Problem:
+    return sfmcpp.perturb(problem, point_sigma_m=0.1, seed=0)
+
+
+def with_outliers(problem: Problem) -> object:
+    return sfmcpp.add_outliers(problem, 0.1, seed=0)
 
 
 def group(**changes: Any) -> ConstraintGroup:
@@ -136,13 +145,60 @@ PHOTO = np.zeros((70, 80, 3), np.uint8)
         (lambda: match(PHOTO[0], PHOTO[0], mutual=[]), r"mutual = \[\]: must be True or False"),
         (lambda: KltSettings(quality="high"), "quality = 'high': must be"),
         (lambda: KltSettings(max_residual=None), "max_residual = None: must be"),
-        (lambda: list(follow_features([[[1, 2]]])), r"frames\[0\] is list: must be uint8"),
+        (lambda: list(follow_features([[[1, 2]]])), r"frames\[0\] is int64 \(1, 2\): must be uint8"),
         (lambda: Mounting(np.full((3, 3), 1e300), np.zeros(3)), "camera_from_body: is off by inf"),
     ],
 )
 def test_arguments_of_other_tools_that_are_none_are_named(call: Callable[[], object], told: str) -> None:
     with pytest.raises(InvalidArgument, match=told):
         call()
+
+
+@pytest.mark.parametrize("use", [map_of_problem, perturbed, with_outliers, lambda problem: problem.copy()])
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"cameras": None}, "cameras: dtype object cannot be used as float64"),
+        ({"cameras": np.ones((5, 3, 4), complex)}, "cameras: dtype complex128 cannot be used"),
+        ({"points": np.zeros((3, 2))}, r"points: shape \(3, 2\), must be"),
+        ({"sigma_px": 3}, r"sigma_px: shape \(\), must be \(150\)"),
+        ({"metadata": 5}, "metadata = 5: must be Metadata or None"),
+    ],
+)
+def test_fields_of_another_kind_are_named(
+    use: Callable[[Problem], object], changes: dict[str, Any], told: str
+) -> None:
+    problem = scene()
+    for name, value in changes.items():
+        setattr(problem, name, value)
+    with pytest.raises(InvalidArgument, match=told):
+        use(problem)
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (np.array(list("abcde")), "metadata image_names: is a ndarray, must be a list of str"),
+        (["a", "b", None, "d", "e"], r"metadata image_names\[2\] = None: must be text"),
+        ([1, 2, 3, 4, 5], r"metadata image_names\[0\] = 1: must be text"),
+    ],
+)
+def test_names_of_images_that_are_no_texts_are_named(tmp_path: Path, names: Any, told: str) -> None:
+    problem = scene()
+    problem.metadata.image_names = names
+    for name in ("a.npz", "a.nvm", "a.g2o", "a.sfm", "transforms.json", "sfm_data.json", "model"):
+        with pytest.raises(DatasetError, match=f"{name}: {told}"):
+            sfmcpp.write(problem, tmp_path / name)
+    for use in (map_of_problem, lambda problem: problem.with_cameras([0])):
+        with pytest.raises(InvalidArgument, match=told):
+            use(problem)
+
+
+def test_sizes_of_images_that_no_map_holds_are_named() -> None:
+    problem = scene()
+    problem.metadata.image_sizes = np.array([640, 480])
+    with pytest.raises(InvalidArgument, match=r"metadata image_sizes: shape \(2,\), must be \(5, 2\)"):
+        map_of_problem(problem)
 
 
 def test_no_observations_can_be_chosen_in_either_way() -> None:
