@@ -27,6 +27,7 @@ from sfmcpp.doctor.principal_point import principal_point
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.camera_models import camera_model, is_pinhole
 from sfmcpp.model.residual_group import Group, checked_groups
 
@@ -59,6 +60,7 @@ _OF_PROJECTIVE_CAMERAS = (duplicates, connections, gauge)
 _OF_RAYLESS_CAMERAS = (units, duplicates, connections, solution, gauge)
 
 
+@checked()
 def diagnose(
     problem: Problem, *, constraints: Iterable[Group] = (), summary: Summary | None = None
 ) -> Diagnosis:

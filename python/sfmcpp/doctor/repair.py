@@ -16,6 +16,7 @@ from sfmcpp.doctor.diagnose import diagnose
 from sfmcpp.doctor.duplicates import second_observations
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.model import Problem
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.residual_group import Group
 
 
@@ -35,6 +36,7 @@ class Repair:
     done: list[str]
 
 
+@checked()
 def repair(problem: Problem, *, constraints: Iterable[Group] = ()) -> Repair:
     """Repair what can be repaired safely: duplicates, a mirrored y, disconnected parts, outliers.
 

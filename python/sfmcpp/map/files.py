@@ -11,9 +11,10 @@ from sfmcpp.map.map import Map
 from sfmcpp.map.tracks import NONE
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, typed_array
 from sfmcpp.model.camera_models import require_pinhole
 from sfmcpp.model.metadata import WorldOrigin, keypoint_entries, require_entries
+from sfmcpp.model.selection import remade
 from sfmcpp.sources.io import read, write
 from sfmcpp.sources.io.rows import all_keypoints, exclusive_sums
 
@@ -41,6 +42,7 @@ def map_of_problem(problem: Problem) -> Map:
     InvalidArgument
         If it is a projective problem or one with rigs, or metadata do not fit it.
     """
+    problem = remade(problem)
     if problem.rigs is not None:
         raise InvalidArgument(f"problem: {_NO_RIGS}")
     metadata, extra = problem.metadata, problem.metadata.extra
@@ -49,7 +51,10 @@ def map_of_problem(problem: Problem) -> Map:
     result.origin = WorldOrigin.of(metadata)
     sizes = np.zeros((len(problem.intrinsics), 2), dtype=np.int64)
     if metadata.image_sizes is not None:
-        sizes[problem.intrinsics_index] = metadata.image_sizes
+        of_images = typed_array(
+            "metadata image_sizes", metadata.image_sizes, np.int64, (problem.num_cameras, 2)
+        )
+        sizes[problem.intrinsics_index] = of_images
     result.add_cameras(
         problem.intrinsics,
         fixed=problem.fixed_intrinsics,

@@ -81,7 +81,17 @@ class Metadata(NamedFields):
 
     def names(self, count: int) -> list[str]:
         """Names of `count` images: those that are known, or ``image_000001`` and so on where none are."""
+        self.require_names()
         return self.image_names or [f"image_{i:06d}" for i in range(1, count + 1)]
+
+    def require_names(self) -> None:
+        """Raise InvalidArgument unless `image_names` are a list of texts."""
+        names = self.image_names
+        if not isinstance(names, list | tuple):
+            raise InvalidArgument(f"metadata image_names: is a {type(names).__name__}, must be a list of str")
+        for number, name in enumerate(names):
+            if not isinstance(name, str):
+                raise InvalidArgument(f"metadata image_names[{number}] = {name!r}: must be text")
 
     def ids_of_points(self, points: Sequence[int], count: int) -> str:
         """COLMAP's ids of some of `count` points for a message, ``"POINT3D_ID 7, 12"``; empty if unknown."""
@@ -116,6 +126,7 @@ class Metadata(NamedFields):
     def of_cameras(self, chosen: NDArray[np.int64], count: int) -> Metadata:
         """Those of some of `count` cameras, by number: keypoints of the others are gone."""
         require_entries(self.extra)
+        self.require_names()
         extra, number = _rows_of_entries(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
         if LOOSE[0] in extra:
             images = _renumbered(extra[LOOSE[0]], number)
@@ -198,6 +209,13 @@ class Metadata(NamedFields):
         )
 
 
+def some_metadata(value: Metadata | None) -> Metadata:
+    """The argument `metadata`, empty ones for None; InvalidArgument for anything else."""
+    if value is not None and not isinstance(value, Metadata):
+        raise InvalidArgument(f"metadata = {value!r}: must be Metadata or None")
+    return Metadata() if value is None else value
+
+
 def keypoint_entries(
     observed: NDArray[Any], loose_image: NDArray[Any], loose_number: NDArray[Any], loose_pixels: FloatArray
 ) -> dict[str, Any]:
@@ -212,7 +230,9 @@ def require_entries(extra: dict[str, Any]) -> None:
         _require_array(name, number_array(f"metadata {name}", extra[name]))
     for name in _TEXTS:
         if not _are_texts(extra.get(name, ())):
-            raise InvalidArgument(f"metadata {name} = {extra[name]!r}: must be a list of str")
+            found = " ".join(repr(extra[name]).split())  # an array has lines
+            raise InvalidArgument(f"metadata {name} = {found}: must be a list of str")
+    WorldOrigin.of_entries(extra)
     lengths = [len(extra.get(name, ())) for name in LOOSE]
     if len(set(lengths)) > 1:
         lengths_text = ", ".join(f"{name} {length}" for name, length in zip(LOOSE, lengths, strict=True))
@@ -306,9 +326,14 @@ class WorldOrigin:
     @classmethod
     def of(cls, metadata: Metadata) -> WorldOrigin | None:
         """The origin in ``metadata.extra``; None if there is none."""
+        return cls.of_entries(metadata.extra)
+
+    @classmethod
+    def of_entries(cls, extra: dict[str, Any]) -> WorldOrigin | None:
+        """The same of the entries alone; InvalidArgument if it is not three finite numbers."""
         for geodetic, key in _KEYS.items():
-            if key in metadata.extra:
-                return cls(finite_array(f"metadata {key}", metadata.extra[key], (3,)), geodetic)
+            if key in extra:
+                return cls(finite_array(f"metadata {key}", extra[key], (3,)), geodetic)
         return None
 
     def put_into(self, metadata: Metadata) -> None:

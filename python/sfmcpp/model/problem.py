@@ -21,7 +21,7 @@ from sfmcpp.model.arrays import (
 )
 from sfmcpp.model.camera_function import CameraFunction
 from sfmcpp.model.camera_models import OTHER_NAMES, CameraModel, camera_model
-from sfmcpp.model.metadata import Metadata
+from sfmcpp.model.metadata import Metadata, some_metadata
 from sfmcpp.model.named_fields import NamedFields
 from sfmcpp.model.names import CameraModelName
 from sfmcpp.model.rigs import Rigs
@@ -114,7 +114,7 @@ class Problem(NamedFields):
             fixed_points: ArrayLike | None = None,
             fixed_intrinsics: ArrayLike | None = None,
             rigs: Rigs | None = None,
-            metadata: Metadata = ...,
+            metadata: Metadata | None = None,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -133,6 +133,7 @@ class Problem(NamedFields):
             require_one_uncertainty(self.sigma_px, self.covariance_px2)
         if self.rigs is not None:
             _require_fitting_rigs(self.rigs, self.num_cameras)
+        self.metadata = some_metadata(self.metadata)
         self._set_defaults(model.intrinsics, model.free_by_default)
 
     def _set_defaults(self, names: Sequence[str], free: Iterable[str]) -> None:

@@ -67,9 +67,11 @@ class Mounting:
             rule = f"must be at most {_LONGEST_M:g} m; is it in millimetres?"
             raise InvalidArgument(f"lever_arm_m = {found}: {rule}")
         if not is_rotation(rotation, PRINTED_ROTATION_TOLERANCE):
-            off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+            with np.errstate(all="ignore"):
+                off = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+                determinant = np.linalg.det(rotation)
             rule = f"must be orthonormal to {PRINTED_ROTATION_TOLERANCE:g} and right-handed"
-            found = f"is off by {off:.2g}, with determinant {np.linalg.det(rotation):.3g}"
+            found = f"is off by {off:.2g}, with determinant {determinant:.3g}"
             raise InvalidArgument(f"camera_from_body: {found}: {rule}")
         # What is left of its decimals would add up along a drive.
         if not is_rotation(rotation, _ROUNDING):

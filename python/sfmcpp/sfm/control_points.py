@@ -186,6 +186,8 @@ def fit_control_points(
         On Ctrl-C.
     """
     require_movable(problem)
+    if not isinstance(control, ControlPoints):
+        raise InvalidArgument(f"control = {control!r}: must be ControlPoints, as of read_control_points")
     require_positive("sigma_m", sigma_m)
     require_seed(seed)
     survey = _Survey.of(problem, control, sigma_m)

@@ -22,7 +22,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model import ConstraintGroup, Problem
-from sfmcpp.model.arrays import BoolArray, FloatArray, number_array
+from sfmcpp.model.arrays import BoolArray, FloatArray, shaped_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sensors.gps import LEAST_POSITIONS
@@ -120,6 +120,9 @@ def georeference(
         On Ctrl-C.
     """
     require_seed(seed)
+    require_movable(problem)
+    if not isinstance(geodetic, bool | np.bool_):
+        raise InvalidArgument(f"geodetic = {geodetic!r}: must be True or False")
     known = local_positions(
         _position_rows("positions", positions, problem), geodetic, _sigmas(sigmas_m, problem)
     )
@@ -179,10 +182,7 @@ def image_names(problem: Problem) -> list[str]:
 
 
 def _position_rows(name: str, value: ArrayLike, problem: Problem) -> FloatArray:
-    rows = number_array(name, value).astype(np.float64)
-    if rows.shape != (problem.num_cameras, 3):
-        raise InvalidArgument(f"{name}: shape {rows.shape}, must be ({problem.num_cameras}, 3)")
-    return rows
+    return shaped_array(name, value, (problem.num_cameras, 3))
 
 
 def _sigmas(value: ArrayLike | None, problem: Problem) -> FloatArray | None:

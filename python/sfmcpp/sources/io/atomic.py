@@ -10,6 +10,7 @@ import fcntl
 import os
 import secrets
 import stat
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
@@ -135,38 +136,63 @@ def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
         return
     with ExitStack() as undo, _alone_in({path.parent for path in targets}):
         kept = [(path, _temporary_path(path, _BEFORE)) for path in targets if path.exists()]
+        # What undoes a step is known before it: Ctrl-C may come between any two.
         for path, before in kept:
+            undo.callback(_put_back, before, path)
             path.replace(before)
-            undo.callback(before.replace, path)
         for temporary, path in zip(temporaries, targets, strict=True):
+            undo.callback(path.unlink, missing_ok=True)
             with failures_named(path):
                 temporary.replace(path)
-            undo.callback(path.unlink, missing_ok=True)
         undo.pop_all()
     _remove([before for _, before in kept])
+
+
+def _put_back(before: Path, path: Path) -> None:
+    """Give a file its name back; it still has it where it was not set aside."""
+    with suppress(FileNotFoundError):
+        before.replace(path)
+
+
+class _FolderLocks(threading.local):
+    """Folders that a thread has locked; it lets go of all at once.
+
+    Ctrl-C can end a call before that, and what it raised can live on with the call's objects, as in an
+    interactive session: the thread's next call would wait for itself for ever if it did not let go first.
+    """
+
+    def __init__(self) -> None:
+        self._numbers: list[int] = []
+        self._process = os.getpid()
+
+    def take(self, folder: Path, how: int) -> None:
+        self._numbers.append(os.open(folder, os.O_RDONLY))
+        fcntl.flock(self._numbers[-1], how)
+
+    def release(self) -> None:
+        process = os.getpid()
+        while self._numbers:
+            if process == self._process:  # a process forked meanwhile shares the locks, which are not its own
+                with suppress(OSError):
+                    fcntl.flock(self._numbers[-1], fcntl.LOCK_UN)
+            os.close(self._numbers.pop())
+        self._process = process
+
+
+_LOCKS = _FolderLocks()
 
 
 @contextmanager
 def _alone_in(folders: set[Path]) -> Iterator[None]:
     """Let others that replace several files in these folders wait: of each one's files some would be left."""
-    with ExitStack() as opened:
+    _LOCKS.release()
+    try:
         for folder in sorted(folders):  # in one order: two that wait for each other would wait for ever
             with suppress(OSError):
-                opened.enter_context(_locked(folder, fcntl.LOCK_EX))
+                _LOCKS.take(folder, fcntl.LOCK_EX)
         yield
-
-
-@contextmanager
-def _locked(folder: Path, how: int) -> Iterator[None]:
-    number = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(number, how)
-        try:
-            yield
-        finally:
-            fcntl.flock(number, fcntl.LOCK_UN)  # processes forked meanwhile share the lock
     finally:
-        os.close(number)
+        _LOCKS.release()
 
 
 def _remove(leftovers: Sequence[Path]) -> None:
@@ -190,10 +216,14 @@ def _sync_folders(folders: set[Path]) -> None:
 @cache
 def remove_leftovers(folder: Path) -> None:
     """Remove what killed processes have left in a folder; once for each, which may hold many files."""
-    with suppress(OSError), _locked(folder, fcntl.LOCK_EX | fcntl.LOCK_NB):  # files set aside have no lock
-        for path in folder.iterdir():
-            if path.name.startswith((_TEMPORARY, _BEFORE)):
-                _remove_unless_locked(path)
+    try:
+        with suppress(OSError):
+            _LOCKS.take(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)  # files set aside have no lock
+            for path in folder.iterdir():
+                if path.name.startswith((_TEMPORARY, _BEFORE)):
+                    _remove_unless_locked(path)
+    finally:
+        _LOCKS.release()
 
 
 def _remove_unless_locked(path: Path) -> None:

@@ -76,6 +76,7 @@ def require_valid(problem: Problem, path: Path) -> None:
         raise DatasetError(path, "observations {} and {} are of the same camera and point".format(*duplicate))
     try:
         require_entries(problem.metadata.extra)
+        problem.metadata.require_names()
     except InvalidArgument as error:
         raise DatasetError(path, str(error)) from error
 

@@ -35,6 +35,7 @@ from sfmcpp.sources.io.intrinsics import (
     perspective_columns,
     perspective_rows,
     require_defaults_except,
+    require_positive_lengths,
     undistorted,
 )
 from sfmcpp.sources.io.number_text import NumberText
@@ -298,20 +299,11 @@ def write_g2o(problem: Problem, path: Path) -> None:
         raise DatasetError(path, "g2o's files cannot hold a problem without cameras and without points")
     values, _ = as_perspective(problem)
     require_defaults_except(values, (*_LENS_NAMES, *PERSPECTIVE[PINHOLE:]), "g2o's files", path)
-    _require_positive(values, path)
+    require_positive_lengths(values, path)
     if has_distortion(problem):
         problem = undistorted(problem, values)
     with atomic_files(path) as (stream,):
         stream.writelines(_chunks(problem, values[:, perspective_columns(*_LENS_NAMES)]))
-
-
-def _require_positive(values: FloatArray, path: Path) -> None:
-    names = ("f", "aspect")
-    lengths = values[:, perspective_columns(*names)]
-    if (lengths > 0).all():
-        return
-    row, column = np.argwhere(~(lengths > 0))[0]
-    raise DatasetError(path, f"intrinsics[{row}]: {names[column]} = {lengths[row, column]}: must be positive")
 
 
 def _written_ids(problem: Problem) -> tuple[Int64Array, Int64Array]:

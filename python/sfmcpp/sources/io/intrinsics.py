@@ -227,6 +227,16 @@ def require_defaults_except(values: FloatArray, kept: tuple[str, ...], format_na
         raise DatasetError(path, f"{what} cannot be kept in {format_name}")
 
 
+def require_positive_lengths(values: FloatArray, path: Path) -> None:
+    """Raise a DatasetError if a focal length or an aspect ratio of perspective `values` is not positive."""
+    names = ("f", "aspect")
+    lengths = values[:, perspective_columns(*names)]
+    if (lengths > 0).all():
+        return
+    row, column = np.argwhere(~(lengths > 0))[0]
+    raise DatasetError(path, f"intrinsics[{row}]: {names[column]} = {lengths[row, column]}: must be positive")
+
+
 def as_bal(problem: Problem, format_name: str, path: Path) -> tuple[FloatArray, FloatArray]:
     """Private rows ``f, k1, k2`` (C, 3), and the pixels (M, 2) counted from the principal point.
 

@@ -278,6 +278,8 @@ def _read_into(target: NDArray[np.uint8], member: IO[bytes]) -> None:
 def _read_npy_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     version = np.lib.format.read_magic(member)
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in read:
+        raise ValueError(f"a member of npy version {'.'.join(map(str, version))}: must be 1.0 or 2.0")
     return read[version](member)
 
 

@@ -35,7 +35,7 @@ from sfmcpp.sources.io.checks import (
 )
 from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.format import Format
-from sfmcpp.sources.io.intrinsics import as_perspective
+from sfmcpp.sources.io.intrinsics import as_perspective, require_positive_lengths
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.poses import cameras_from_pose
 from sfmcpp.sources.io.rows import (
@@ -189,9 +189,11 @@ def write_nvm(problem: Problem, path: Path) -> None:
     Raises
     ------
     DatasetError
-        If metadata do not fit the problem, a name is none for a line of text, or the file cannot be written.
+        If a focal length or an aspect ratio is not positive, metadata do not fit the problem, a name is none
+        for a line of text, or the file cannot be written.
     """
     require_valid(problem, path)
+    require_positive_lengths(as_perspective(problem)[0], path)
     with atomic_files(path) as (stream,):
         stream.write(f"NVM_V3\n\n{problem.num_cameras}\n".encode("ascii"))
         stream.writelines(_camera_chunks(problem, path))

@@ -26,6 +26,7 @@ from sfmcpp.sources.io.intrinsics import (
     PERSPECTIVE,
     lenses_from_corner,
     require_defaults_except,
+    require_positive_lengths,
 )
 from sfmcpp.sources.io.json_text import Part, read_json
 from sfmcpp.sources.io.views import Lens, Tracks, View, image_size, pose_of, problem_of_views
@@ -117,11 +118,13 @@ def write_transforms(problem: Problem, path: Path, image_folder: str = "", point
     Raises
     ------
     DatasetError
-        If there is skew, k4 or k5, metadata do not fit the problem, or the file cannot be written.
+        If there is skew, k4 or k5, a focal length or an aspect ratio is not positive, metadata do not fit
+        the problem, or the file cannot be written.
     """
     require_valid(problem, path)
     lenses = lenses_from_corner(problem, path)
     require_defaults_except(lenses.values, _KEPT, "transforms.json", path)
+    require_positive_lengths(lenses.values, path)
     cameras = [_camera(row, size) for row, size in zip(lenses.values, lenses.sizes.tolist(), strict=True)]
     used = [cameras[row] for row in problem.intrinsics_index]
     frames = _frames(problem, path, image_folder)

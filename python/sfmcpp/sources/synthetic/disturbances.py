@@ -10,6 +10,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_not_negative, require_one_of, require_positive, require_share
+from sfmcpp.model.selection import remade
 from sfmcpp.sources.synthetic.observation import keep_points_seen_twice
 
 # Streams of their own: with that of a scene, equal seeds would tie the noise to the positions of the points.
@@ -50,6 +51,7 @@ def add_outliers(
         If `share` is not between 0 and 1, `sigma_px` is not positive, or the sizes of the images are needed
         and unknown.
     """
+    problem = remade(problem)
     require_share("share", share)
     if sigma_px is not None:
         require_positive("sigma_px", sigma_px)
@@ -113,6 +115,7 @@ def perturb(
     InvalidArgument
         If a standard deviation is negative or not finite, or the cameras are projective and have no poses.
     """
+    problem = remade(problem)
     if not problem.is_metric:
         raise InvalidArgument("problem: projective cameras have no poses; perturb it before as_projective")
     require_not_negative("point_sigma_m", point_sigma_m)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_fraction, require_one_of
 from sfmcpp.model.photos import Features, Photo
@@ -60,6 +61,7 @@ class FeatureSettings:
         require_fraction("quality", self.quality)
 
 
+@checked()
 def detect(photo: Photo, settings: FeatureSettings | None = None) -> Features:
     """Detect and describe features; the same file and settings give the same features.
 
@@ -90,6 +92,7 @@ def detector_version() -> str:
     return f"OpenCV {load_cv2().__version__}"
 
 
+@checked()
 def detect_in(
     color: NDArray[np.uint8], mask: BoolArray | None = None, settings: FeatureSettings | None = None
 ) -> Features:

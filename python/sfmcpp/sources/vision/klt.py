@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import BoolArray, IndexArray
-from sfmcpp.model.checks import require_count, require_one_of
+from sfmcpp.model.arrays import BoolArray, IndexArray, number_array
+from sfmcpp.model.checks import require_count, require_fraction, require_one_of, require_positive
 from sfmcpp.model.frames import View
 from sfmcpp.sources.vision.images import GreyImage, load_cv2
 from sfmcpp.sources.vision.keypoints import HARRIS_K, cells_of, rank_within
@@ -75,9 +75,10 @@ class KltSettings:
             require_count(name, getattr(self, name))
         require_count("levels", self.levels, at_least=0)
         for name in ("forward_backward_px", "max_residual"):
-            _require(name, getattr(self, name), getattr(self, name) > 0, "positive")
-        _require("window_px", self.window_px, self.window_px in range(3, 256, 2), "odd, from 3 to 255")
-        _require("quality", self.quality, 0 < self.quality < 1, "in (0, 1)")
+            require_positive(name, getattr(self, name))
+        require_fraction("quality", self.quality)
+        if self.window_px not in range(3, 256, 2):
+            raise InvalidArgument(f"window_px = {self.window_px}: must be odd, from 3 to 255")
 
 
 def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = None) -> Iterator[View]:
@@ -209,14 +210,10 @@ class _Tracker:
 
 
 def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:
+    image = number_array(f"frames[{number}]", image)
     if image.dtype != np.uint8 or image.ndim != 2:
         found = f"{image.dtype} {image.shape}"
         raise InvalidArgument(f"frames[{number}] is {found}: must be uint8 (height, width)")
     if tracker is not None and image.shape != tracker.shape:
         rule = f"must be {tracker.shape} as the first"
         raise InvalidArgument(f"frames[{number}] has shape {image.shape}: {rule}")
-
-
-def _require(name: str, value: float, good: bool, rule: str) -> None:
-    if not good:
-        raise InvalidArgument(f"{name} = {value}: must be {rule}")

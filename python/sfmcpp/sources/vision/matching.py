@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, IndexArray, number_array
 from sfmcpp.model.checks import require_count, require_share
 
 Descriptors = NDArray[np.uint8]
@@ -63,6 +63,8 @@ def match(
             f"descriptors_2: has {second.shape[1]} columns, must have {first.shape[1]} as descriptors_1"
         )
     require_share("ratio", ratio)
+    if not isinstance(mutual, bool | np.bool_):
+        raise InvalidArgument(f"mutual = {mutual!r}: must be True or False")
     require_count("threads", threads, 0)
     if first.size == 0 or second.size == 0:
         return np.zeros((0, 2), np.int32)
@@ -84,7 +86,7 @@ def _passes_ratio_test(nearest: Nearest, ratio: float) -> BoolArray:
 
 
 def _checked_descriptors(name: str, descriptors: Descriptors) -> Descriptors:
-    array = np.asarray(descriptors)
+    array = number_array(name, descriptors)
     if array.ndim != 2 or array.dtype != np.uint8:
         raise InvalidArgument(
             f"{name}: is {array.dtype} of shape {array.shape}, must be uint8 of shape (n, D)"

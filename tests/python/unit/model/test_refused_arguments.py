@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp import ConstraintGroup, InvalidArgument, Problem
+from sfmcpp import ConstraintGroup, DatasetError, InvalidArgument, Problem, sfm
+from sfmcpp.doctor import repair
 from sfmcpp.map import map_of_problem
 from sfmcpp.model import SensorStream
 from sfmcpp.model.image_tracks import image_tracks
+from sfmcpp.sensors import Mounting
 from sfmcpp.slam import SlamSettings, View
+from sfmcpp.sources.vision import KltSettings, detect_in, follow_features, match
 
 RAGGED = [[1.0], [2.0, 3.0]]
 MASKED = np.ma.masked_equal(np.arange(300.0), 7).reshape(150, 2)
@@ -37,6 +41,14 @@ def solved(**changes: Any) -> None:
     sfmcpp.solve(problem, max_iterations=1)
 
 
+def perturbed(problem: Problem) -> Problem:
+    return sfmcpp.perturb(problem, point_sigma_m=0.1, seed=0)
+
+
+def with_outliers(problem: Problem) -> object:
+    return sfmcpp.add_outliers(problem, 0.1, seed=0)
+
+
 def group(**changes: Any) -> ConstraintGroup:
     return ConstraintGroup(**{"kind": "position", "cameras": [0], "values": np.zeros((1, 3))} | changes)
 
@@ -52,6 +64,7 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: group(values=np.ma.masked_all((1, 3))), "values: 3 entries are masked"),
         (lambda: made(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: made(fixed_cameras=RAGGED), "fixed_cameras = .*: must be an array of numbers"),
+        (lambda: made(metadata={}), r"metadata = \{\}: must be Metadata or None"),
         (lambda: made(fixed_points=[]), r"fixed_points: .*\(0,\), must be \(30\)|cannot be used as bool"),
         (
             lambda: scene().with_observations(np.ones(3, bool)),
@@ -105,6 +118,91 @@ def test_arguments_that_are_none_are_named(call: Callable[[], object], told: str
         call()
 
 
+PHOTO = np.zeros((70, 80, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: sfmcpp.diagnose(scene(), summary=3), "summary = 3: must be a Summary"),
+        (
+            lambda: sfmcpp.diagnose(scene(), constraints=np.array(3)),
+            r"constraints = array\(3\): must be a seq",
+        ),
+        (lambda: repair(scene(), constraints=None), "constraints = None: must be"),
+        (lambda: repair(3), "problem = 3: must be a Problem"),
+        (lambda: sfm.georeference(None, np.zeros((5, 3))), "problem = None: must be a Problem"),
+        (lambda: sfm.georeference(scene(), [object()] * 5), "positions = .*: must be an array of numbers"),
+        (lambda: sfm.georeference(scene(), np.ones((5, 3)) + 1j), "positions: must be an array of real"),
+        (lambda: sfm.georeference(scene(), np.ones((5, 3)), geodetic="no"), "geodetic = 'no': must be True"),
+        (
+            lambda: sfm.georeference(scene(), np.ones((5, 3)), sigmas_m=RAGGED),
+            "sigmas_m = .*: must be an arr",
+        ),
+        (lambda: sfm.fit_control_points(scene(), {}), r"control = \{\}: must be ControlPoints"),
+        (lambda: detect_in("a.jpg"), "color = 'a.jpg': must be an array of numbers"),
+        (lambda: detect_in(PHOTO, "a.png"), "mask = 'a.png': must be an array of numbers"),
+        (lambda: detect_in(PHOTO, settings=8), "settings = 8: must be a FeatureSettings"),
+        (lambda: match(RAGGED, RAGGED), "descriptors_1 = .*: must be an array of numbers"),
+        (lambda: match(PHOTO[0], PHOTO[0], mutual=[]), r"mutual = \[\]: must be True or False"),
+        (lambda: KltSettings(quality="high"), "quality = 'high': must be"),
+        (lambda: KltSettings(max_residual=None), "max_residual = None: must be"),
+        (lambda: list(follow_features([[[1, 2]]])), r"frames\[0\] is int64 \(1, 2\): must be uint8"),
+        (lambda: Mounting(np.full((3, 3), 1e300), np.zeros(3)), "camera_from_body: is off by inf"),
+    ],
+)
+def test_arguments_of_other_tools_that_are_none_are_named(call: Callable[[], object], told: str) -> None:
+    with pytest.raises(InvalidArgument, match=told):
+        call()
+
+
+@pytest.mark.parametrize("use", [map_of_problem, perturbed, with_outliers, lambda problem: problem.copy()])
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"cameras": None}, "cameras: dtype object cannot be used as float64"),
+        ({"cameras": np.ones((5, 3, 4), complex)}, "cameras: dtype complex128 cannot be used"),
+        ({"points": np.zeros((3, 2))}, r"points: shape \(3, 2\), must be"),
+        ({"sigma_px": 3}, r"sigma_px: shape \(\), must be \(150\)"),
+        ({"metadata": 5}, "metadata = 5: must be Metadata or None"),
+    ],
+)
+def test_fields_of_another_kind_are_named(
+    use: Callable[[Problem], object], changes: dict[str, Any], told: str
+) -> None:
+    problem = scene()
+    for name, value in changes.items():
+        setattr(problem, name, value)
+    with pytest.raises(InvalidArgument, match=told):
+        use(problem)
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        (np.array(list("abcde")), "metadata image_names: is a ndarray, must be a list of str"),
+        (["a", "b", None, "d", "e"], r"metadata image_names\[2\] = None: must be text"),
+        ([1, 2, 3, 4, 5], r"metadata image_names\[0\] = 1: must be text"),
+    ],
+)
+def test_names_of_images_that_are_no_texts_are_named(tmp_path: Path, names: Any, told: str) -> None:
+    problem = scene()
+    problem.metadata.image_names = names
+    for name in ("a.npz", "a.nvm", "a.g2o", "a.sfm", "transforms.json", "sfm_data.json", "model"):
+        with pytest.raises(DatasetError, match=f"{name}: {told}"):
+            sfmcpp.write(problem, tmp_path / name)
+    for use in (map_of_problem, lambda problem: problem.with_cameras([0])):
+        with pytest.raises(InvalidArgument, match=told):
+            use(problem)
+
+
+def test_sizes_of_images_that_no_map_holds_are_named() -> None:
+    problem = scene()
+    problem.metadata.image_sizes = np.array([640, 480])
+    with pytest.raises(InvalidArgument, match=r"metadata image_sizes: shape \(2,\), must be \(5, 2\)"):
+        map_of_problem(problem)
+
+
 def test_no_observations_can_be_chosen_in_either_way() -> None:
     for chosen in ([], np.zeros(150, dtype=bool)):
         assert scene().with_observations(chosen).num_observations == 0
@@ -132,3 +230,9 @@ def test_a_list_in_place_of_names_of_intrinsics_is_told() -> None:
 def test_integers_beyond_all_numbers_are_named() -> None:
     with pytest.raises(InvalidArgument, match="values: holds an integer beyond all numbers of float64"):
         group(values=[[10**400, 0, 0]])
+
+
+def test_no_metadata_are_empty_ones() -> None:
+    problem = made(metadata=None)
+    assert problem.metadata.names(1) == ["image_000001"]
+    assert made(metadata=None).metadata is not problem.metadata

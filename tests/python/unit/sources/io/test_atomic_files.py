@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
+import pathlib
 import resource
 import stat
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import pytest
 
 import sfmcpp
 from sfmcpp import DatasetError, Problem
+from sfmcpp.sources.io import atomic
 from sfmcpp.sources.io.atomic import atomic_files, remove_leftovers
 
 
@@ -192,3 +197,57 @@ def test_a_read_only_file_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Mo
         sfmcpp.write(model(1), tmp_path / "a.npz")
     assert (tmp_path / "a.npz").read_text() == "precious"
     sfmcpp.write(model(1), tmp_path / "b.npz")
+
+
+# As an interactive session keeps the last error, with all that its functions had in hand.
+KEPT: list[BaseException] = []
+WATCHED = {module.__file__ for module in (atomic, contextlib, pathlib)}
+
+
+def is_interrupted(action: Callable[[], None], calls: int) -> bool:
+    """Whether Ctrl-C ends something, which comes after so many calls for the module under test.
+
+    There, and at the end of a loop's body, the interpreter looks for signals.
+    """
+    left = calls
+
+    def count(frame: FrameType, event: str, argument: object) -> None:
+        nonlocal left
+        if frame.f_code.co_filename in WATCHED and event in ("call", "c_return"):
+            left -= 1
+            if left < 0:
+                sys.setprofile(None)
+                raise KeyboardInterrupt
+
+    before = sys.getprofile()
+    sys.setprofile(count)
+    try:
+        action()
+    except KeyboardInterrupt as interrupt:
+        KEPT[:] = [interrupt]
+        return True
+    finally:
+        sys.setprofile(before)
+    return False
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # files that are left open
+def test_files_that_ctrl_c_meets_anywhere_are_all_old_or_all_new(tmp_path: Path) -> None:
+    names = ("a", "b")
+
+    def write(content: bytes) -> None:
+        with atomic_files(*(tmp_path / name for name in names), durable=False) as files:
+            for file in files:
+                file.write(content)
+
+    calls, found = 0, []
+    while True:
+        for name in names:
+            (tmp_path / name).write_bytes(b"old")
+        if not is_interrupted(lambda: write(b"new"), calls):
+            break
+        found.append(content_of(tmp_path))
+        calls += 1
+    assert {tuple(sorted(contents.items())) for contents in found} == {
+        (("a", content), ("b", content)) for content in (b"old", b"new")
+    }

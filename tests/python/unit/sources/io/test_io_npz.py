@@ -186,6 +186,15 @@ def test_zip_bombs_are_refused(tmp_path: Path) -> None:
     assert f"{MAX_EXPANDED} allows more" in str(refusal(tmp_path / "x.npz"))
 
 
+def test_members_of_an_unknown_version_are_named(tmp_path: Path) -> None:
+    rewritten(tmp_path, lambda arrays: arrays.pop("points"))
+    member = io.BytesIO()
+    np.lib.format.write_array(member, np.ones((4, 3)), version=(3, 0))
+    with zipfile.ZipFile(tmp_path / "x.npz", "a") as archive:
+        archive.writestr("points.npy", member.getvalue())
+    assert "npy version 3.0: must be 1.0 or 2.0" in str(refusal(tmp_path / "x.npz"))
+
+
 @pytest.mark.parametrize("content", [b"garbage", b"\x93NUMPY\1\0", b"PK", b"PK\3\4" + bytes(50)])
 def test_what_is_no_archive_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "x.npz").write_bytes(content)
@@ -213,6 +222,13 @@ def test_metadata_that_needs_pickle_is_refused(tmp_path: Path, value: object) ->
         ("colmap_keypoint_index", np.array(7), "shape (), must be (any)"),
         ("bundler_registered", np.array([2, 3]), "int64, must be booleans"),
         ("colmap_second_sightings", np.array([[1, 2]]), "shape (1, 2), must be (any, 3)"),
+        (
+            "colmap_camera_models",
+            np.ones((9, 9)),
+            "1., 1., 1.]]): must be a list of str",
+        ),
+        ("origin_xyz_m", np.ones((2, 3)), "shape (2, 3), must be (3)"),
+        ("origin_geodetic", np.array([46.5, np.nan, 0]), "[1] = nan: must be finite"),
     ],
 )
 def test_known_metadata_of_another_kind_or_length_are_refused(
@@ -229,6 +245,7 @@ def test_known_metadata_of_another_kind_or_length_are_refused(
     error = refusal(tmp_path / "x.npz")
     assert name in str(error)
     assert rule in str(error)
+    assert "\n" not in str(error)
     problem.metadata.extra[name] = value
     for call in (partial(write, problem, tmp_path / "model"), lambda: problem.with_observations([0])):
         with pytest.raises(SfmcppError, match=re.escape(rule)):

@@ -178,12 +178,16 @@ def test_lenses_that_a_file_cannot_hold_are_named_and_nothing_is_left(
     assert not (tmp_path / target).exists()
 
 
-@pytest.mark.parametrize("target", ["a.sfm", "a.g2o"])
-def test_focal_lengths_that_no_reader_takes_are_not_written(tmp_path: Path, target: str) -> None:
+@pytest.mark.parametrize("target", ["a.sfm", "a.g2o", "a.nvm", "transforms.json"])
+@pytest.mark.parametrize(("name", "value"), [("f", -700.0), ("f", 0.0), ("aspect", 0.0)])
+def test_focal_lengths_that_no_reader_takes_are_not_written(
+    tmp_path: Path, target: str, name: str, value: float
+) -> None:
     problem = sfmcpp.circle_scene(3, 5, camera_model="perspective", seed=0)
-    problem.intrinsics[1, 0] = -700
-    with pytest.raises(DatasetError, match=r"intrinsics\[1\]: f = -700\.0.*: must be positive"):
+    problem.intrinsics[1, problem.intrinsic_names.index(name)] = value
+    with pytest.raises(DatasetError, match=rf"intrinsics\[1\]: .*{name} = {value}.*: must be positive"):
         write(problem, tmp_path / target)
+    assert not (tmp_path / target).exists()
 
 
 @pytest.mark.parametrize(
