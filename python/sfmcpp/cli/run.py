@@ -14,7 +14,7 @@ from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.console import ExitCode, print_error, print_note
+from sfmcpp.cli.console import ExitCode, print_error, print_no_result, print_note
 from sfmcpp.cli.control import Control, control_after_solve
 from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.flags import RIGS, as_options
@@ -306,8 +306,7 @@ def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError], loss:
         return print_error("; ".join(map(str, complaints)))
     also = f"; {loss}" if loss else ""
     if summary.termination == "numerical_failure":
-        print_note(f"error: {job.source}: numerical failure: {summary.message}{also}")
-        return ExitCode.NUMERICAL_FAILURE
+        return print_no_result(f"{job.source}: numerical failure: {summary.message}{also}")
     if summary.termination == "interrupted":
         print_note(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}{also}")
         return ExitCode.INTERRUPTED
