@@ -152,7 +152,7 @@ def convert(
         str | None,
         choice_option(
             (*WRITABLE_FORMATS, *WRITABLE_TRAJECTORY_FORMATS),
-            "Format of OUT, if its name is ambiguous, or of a trajectory",
+            "Format of OUT, if its name is ambiguous, or of a trajectory (also of a problem's cameras)",
         ),
     ] = None,
     images: Annotated[
@@ -161,7 +161,7 @@ def convert(
     ] = None,
     times: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Time stamps of KITTI poses, one per line, for tum and euroc."),
+        typer.Option(metavar="FILE", help="Time stamps of poses that have none, one per line, for tum and euroc."),
     ] = None,
 ) -> ExitCode:
     """Convert a problem or a trajectory to another format.
