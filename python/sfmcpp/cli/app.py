@@ -161,7 +161,9 @@ def convert(
     ] = None,
     times: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Time stamps of poses that have none, one per line, for tum and euroc."),
+        typer.Option(
+            metavar="FILE", help="Time stamps of poses without any, one per line, for tum and euroc."
+        ),
     ] = None,
 ) -> ExitCode:
     """Convert a problem or a trajectory to another format.

@@ -29,8 +29,8 @@ _OBEYED = re.compile(
 class ExitCode(IntEnum):
     """The contract with the shell.
 
-    BAD_INPUT is for what the caller can mend: the command, or a file that cannot be used. NO_RESULT is for input
-    that was read and gave nothing: a numerical failure, no model, no map.
+    BAD_INPUT is for what the caller can mend: the command, or a file that cannot be used. NO_RESULT is for
+    input that was read and gave nothing: a numerical failure, no model, no map.
     """
 
     DONE = 0

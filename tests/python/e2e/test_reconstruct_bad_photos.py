@@ -25,9 +25,7 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def refused(
-    capsys: pytest.CaptureFixture[str], folder: Path, out: Path, *options: str, code: int = 2
-) -> str:
+def refused(capsys: pytest.CaptureFixture[str], folder: Path, out: Path, *options: str, code: int = 2) -> str:
     """What is said of photos that give no model: one line, and the exit code."""
     assert main(["reconstruct", str(folder), "-o", str(out), "--quiet", *options]) == code
     shown = capsys.readouterr()
