@@ -1,4 +1,4 @@
-"""A time limit holds for all solves of a georeferencing, of control points and of a choice of weights together."""
+"""A time limit holds for all solves of a georeferencing, of control points, of a choice of weights."""
 
 from __future__ import annotations
 
