@@ -17,7 +17,7 @@ from sfmcpp.geometry import two_view_geometry
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, inverse_calibration, to_normalised, unit
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.geometry.two_view_matrices import homography_errors_px
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.turned_lenses import lenses_of_rotations
@@ -72,8 +72,27 @@ def with_turned_cameras(graph: MatchGraph, cameras: Cameras) -> MatchGraph:
 
 
 def _rotations(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
-    """The pairs as rotations, as far as they are; nothing if too few of them are."""
-    return _rotations_of_pinhole(graph, pairs, row) or _rotations_of_lens(graph, pairs, row)
+    """The pairs as rotations, as far as they are; nothing if too few of them are.
+
+    Images that rotations connect are of one place: what is left of their pairs can tell no depth either.
+    """
+    turned = _rotations_of_pinhole(graph, pairs, row) or _rotations_of_lens(graph, pairs, row)
+    place = _places(turned, len(graph.photos))
+    return [_as_rotation(p) if place[p.first] == place[p.second] else p for p in turned]
+
+
+def _places(turned: Sequence[Pair], images: int) -> IndexArray:
+    """(I,) the same number for images that rotations connect."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ends = np.array([(p.first, p.second) for p in turned if p.geometry.kind == "rotation"]).reshape(-1, 2)
+    links = coo_array((np.ones(len(ends)), ends.T), shape=(images, images))
+    return np.asarray(connected_components(links, directed=False)[1])
+
+
+def _as_rotation(pair: Pair) -> Pair:
+    return replace(pair, geometry=replace(pair.geometry, kind="rotation"))
 
 
 def _rotations_of_pinhole(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
@@ -90,10 +109,7 @@ def _rotations_of_pinhole(graph: MatchGraph, pairs: Sequence[Pair], row: FloatAr
 
 
 def _rotations_of_lens(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
-    """The same for a lens that distorts; pairs count by their matches, as those of few have them in corners.
-
-    Images that rotations connect are of one place: what is left of the pairs can tell no depth either.
-    """
+    """The same for a lens that distorts; pairs count by matches, as those of few have them in corners."""
     if len(pairs) < _FEWEST:
         return []
     matches = np.array([len(pair.verified) for pair in pairs])
@@ -101,7 +117,7 @@ def _rotations_of_lens(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray
         turned = [_verified_again(graph, pair, lens) for pair in pairs]
         is_rotation = np.array([pair.geometry.kind == "rotation" for pair in turned])
         if matches[is_rotation].sum() >= _MOST * matches.sum():
-            return [replace(pair, geometry=replace(pair.geometry, kind="rotation")) for pair in turned]
+            return turned
     return []
 
 
