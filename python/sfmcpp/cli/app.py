@@ -150,7 +150,7 @@ def convert(
         str | None,
         choice_option(
             (*WRITABLE_FORMATS, *WRITABLE_TRAJECTORY_FORMATS),
-            "Format of OUT, if its name is ambiguous, or of a trajectory",
+            "Format of OUT, if its name is ambiguous, or of a trajectory (also of a problem's cameras)",
         ),
     ] = None,
     images: Annotated[
@@ -159,7 +159,9 @@ def convert(
     ] = None,
     times: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Time stamps of KITTI poses, one per line, for tum and euroc."),
+        typer.Option(
+            metavar="FILE", help="Time stamps of poses without any, one per line, for tum and euroc."
+        ),
     ] = None,
 ) -> ExitCode:
     """Convert a problem or a trajectory to another format.

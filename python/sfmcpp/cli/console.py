@@ -27,11 +27,15 @@ _OBEYED = re.compile(
 
 
 class ExitCode(IntEnum):
-    """The contract with the shell."""
+    """The contract with the shell.
+
+    BAD_INPUT is for what the caller can mend: the command, or a file that cannot be used. NO_RESULT is for
+    input that was read and gave nothing: a numerical failure, no model, no map.
+    """
 
     DONE = 0
     BAD_INPUT = 2
-    NUMERICAL_FAILURE = 3
+    NO_RESULT = 3
     INTERRUPTED = 130
 
 
@@ -66,6 +70,12 @@ def print_error(message: object) -> ExitCode:
     """Tell what is wrong with the input or the usage."""
     print_note(f"error: {message}")
     return ExitCode.BAD_INPUT
+
+
+def print_no_result(message: object) -> ExitCode:
+    """Tell why input that was read gave no result."""
+    print_note(f"error: {message}")
+    return ExitCode.NO_RESULT
 
 
 def in_words(error: OSError) -> str:

@@ -6,6 +6,8 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.cli.console import ExitCode, print_result
@@ -23,7 +25,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.sources.frame_times import read_times
 from sfmcpp.sources.io.alicevision import write_alicevision
-from sfmcpp.sources.io.api import format_of, named_format, read_part, write, write_part
+from sfmcpp.sources.io.api import format_of, named_format, read, read_part, write, write_part
 from sfmcpp.sources.io.conversion_notes import left_out_on_writing
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.openmvg import write_openmvg
@@ -168,18 +170,20 @@ def _convert_on_ranks(source: Path, target: Path, parts: int | None, ranks: Rank
 
 
 def convert_trajectory(source: Path, target: Path, format: str, times: Path | None) -> ExitCode:
-    """Write a trajectory in another format; poses stay as they are, of the camera or of the body.
+    """Write a trajectory in another format, or the poses of a problem as one.
+
+    Poses stay as they are, of the camera or of the body; those of a problem are in the order of its cameras.
 
     Raises
     ------
     DatasetError
         If a file cannot be read or written, or would replace that of the times; if the format needs times,
-        and there are none, or there are and others are given.
+        and there are none, or there are and others are given; if cameras have no poses.
     """
     require_writable_file(target)
     if times is not None and os.path.realpath(times) == os.path.realpath(target):
         raise DatasetError(target, "is named twice: the file of times must not be replaced")
-    trajectory = read_trajectory(source)
+    trajectory = _trajectory_of(source)
     if times is not None:
         trajectory = _interpolated_at(trajectory, source, times)
     if format != "kitti" and not trajectory.stamped:
@@ -189,6 +193,20 @@ def convert_trajectory(source: Path, target: Path, format: str, times: Path | No
     if trajectory.stamped and format == "kitti":
         print_result("left out, as kitti has no place for it: times")
     return ExitCode.DONE
+
+
+def _trajectory_of(source: Path) -> Trajectory:
+    """Read a trajectory, or the poses of a problem."""
+    try:
+        return read_trajectory(source)
+    except DatasetError as no_trajectory:
+        try:
+            problem = read(source)
+        except DatasetError:
+            raise no_trajectory from None
+    if not (problem.is_metric and problem.num_cameras):
+        raise DatasetError(source, f"its {problem.num_cameras} {problem.camera_model} cameras have no poses")
+    return Trajectory(np.arange(problem.num_cameras), problem.cameras, stamped=False)
 
 
 def refuse_trajectory(source: Path, error: DatasetError) -> None:

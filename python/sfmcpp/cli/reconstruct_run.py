@@ -7,7 +7,7 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from sfmcpp.cli.console import ExitCode, print_error, print_note, print_result
+from sfmcpp.cli.console import ExitCode, print_no_result, print_note, print_result
 from sfmcpp.cli.display import shown_stages
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
@@ -92,7 +92,7 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
         for warning in run.warnings:
             if not (quiet or warning.startswith(NO_MODEL)):  # that is in the verdict
                 print_note(f"warning: {warning}")
-        return print_error(f"{source}: {report.verdict()}; {more}")
+        return print_no_result(f"{source}: {report.verdict()}; {more}")
     if targets.positions is not None:
         write_camera_positions(targets.positions, run.problem(), run.gps)
         written.append(targets.positions)

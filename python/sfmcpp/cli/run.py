@@ -13,8 +13,9 @@ from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.options import OPTIONS
 from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
 from sfmcpp.ba.ranks import Ranks
+from sfmcpp.ba.time_limit import TimeLimit
 from sfmcpp.cli.checkpoints import Checkpoints
-from sfmcpp.cli.console import ExitCode, print_error, print_note
+from sfmcpp.cli.console import ExitCode, print_error, print_no_result, print_note
 from sfmcpp.cli.control import Control, control_after_solve
 from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.flags import RIGS, with_flags
@@ -104,13 +105,14 @@ def solve_file(job: Job) -> ExitCode:
             job.gps.tell_if_missing(job.source, problem)
     seconds_read = time.perf_counter() - started
     size = ProblemSize.of(problem)  # of the input: control points are added to it
+    limit = TimeLimit(job.options.get("max_seconds"))
     georeferenced = job.gps.georeference(problem, job.options)
     controlled = job.control.fit(problem, job.options)
     problem = problem if controlled is None else controlled.problem
     groups = [found.group for found in (georeferenced, controlled) if found is not None]
     gps_outcome = outcome_after_solve(georeferenced, problem)
     control_outcome = control_after_solve(controlled)
-    summary = _solve(job, problem, groups)
+    summary = _solve(replace(job, options=limit.of(job.options)) if groups else job, problem, groups)
     with noted_interrupt() as is_stopped:
         complaints = _write_complaints(lambda path: write(problem, path), job.targets.problem)
         if job.targets.problem is not None and not (complaints or job.quiet):
@@ -312,8 +314,7 @@ def _exit_code(job: Job, summary: Summary, complaints: list[DatasetError], loss:
         return print_error("; ".join(map(str, complaints)))
     also = f"; {loss}" if loss else ""
     if summary.termination == "numerical_failure":
-        print_note(f"error: {job.source}: numerical failure: {summary.message}{also}")
-        return ExitCode.NUMERICAL_FAILURE
+        return print_no_result(f"{job.source}: numerical failure: {summary.message}{also}")
     if summary.termination == "interrupted":
         print_note(f"interrupted after {summary.seconds_total:.1f} s: {_what_is_kept(job)}{also}")
         return ExitCode.INTERRUPTED

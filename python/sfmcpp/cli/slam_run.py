@@ -16,6 +16,7 @@ from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.console import (
     ExitCode,
     print_error,
+    print_no_result,
     print_note,
     print_result,
     progress_is_seen,
@@ -91,8 +92,7 @@ def _finish(found: SlamReport, folder: Path, checkpoints: Checkpoints, quiet: bo
             note = f"see {folder / 'report.json'} for the progress made"
             print_note(f"interrupted before a map was started: {'; '.join((note, *checkpoints.in_words))}")
             return ExitCode.INTERRUPTED
-        print_note(f"error: {run.drive.path}: no map could be started: {run.result.message}")
-        return ExitCode.NUMERICAL_FAILURE
+        return print_no_result(f"{run.drive.path}: no map could be started: {run.result.message}")
     if not quiet:
         print_result(found.table(written))
     if run.interrupted:

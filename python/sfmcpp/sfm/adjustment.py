@@ -12,6 +12,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, IndexArray
 from sfmcpp.sfm.cameras import PERSPECTIVE
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.stops import heed_stop
 from sfmcpp.weighting import solve
 
 # Intermediate adjustments need no more digits than the next image changes.
@@ -23,23 +24,33 @@ _K1 = PERSPECTIVE.index("k1")
 
 
 def adjust_around(world: Map, image: int, settings: IncrementalSettings) -> LocalProblem:
-    """Adjust an image, those that share most points with it, and their points; the others stay."""
+    """Adjust an image, those that share most points with it, and their points; the others stay.
+
+    A stop leaves what has been reached.
+    """
     local = world.local_problem(_neighbours(world, image, settings.local_images))
     local.problem.fixed_intrinsics[:] = True
-    adjusted(world, settings, local, **ROUGH)
-    world.take(local)
+    try:
+        adjusted(world, settings, local, **ROUGH)
+    finally:
+        world.take(local)
     return local
 
 
 def adjust_all(
     world: Map, settings: IncrementalSettings, *, keep_intrinsics: bool = False, **options: Any
 ) -> LocalProblem:
-    """Adjust all images with a pose, their points, and the intrinsics of cameras with enough images."""
+    """Adjust all images with a pose, their points, and the intrinsics of cameras with enough images.
+
+    A stop leaves what has been reached.
+    """
     local = world.whole_problem(2)
     if keep_intrinsics:
         local.problem.fixed_intrinsics[:] = True
-    adjusted(world, settings, local, **options)
-    world.take(local)
+    try:
+        adjusted(world, settings, local, **options)
+    finally:
+        world.take(local)
     return local
 
 
@@ -53,11 +64,11 @@ def adjusted(
     Raises
     ------
     KeyboardInterrupt
-        If Ctrl-C ended it.
+        If Ctrl-C ended it, or a stop that :func:`stopped_by` hears of.
     """
     problem = (world.whole_problem(2) if local is None else local).problem
     hold_of_few_images(problem, settings)
-    summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, **options)
+    summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, callback=heed_stop, **options)
     return summary.require_uninterrupted().final_cost
 
 

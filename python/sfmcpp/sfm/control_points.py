@@ -16,6 +16,7 @@ import numpy as np
 
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import takes_options
+from sfmcpp.ba.time_limit import TimeLimit
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import (
     agreeing_pairs,
@@ -193,12 +194,13 @@ def fit_control_points(
     survey = _Survey.of(problem, control, sigma_m)
     numbers = np.arange(len(survey.names), dtype=np.int32) + problem.num_points
     joined = _with_marked_points(problem, survey, numbers)
+    limit = TimeLimit(options.get("max_seconds"))
     summary = solve(joined, **options).require_uninterrupted()
     used = ~survey.checks
     _move(joined, joined.points[numbers[used]], survey.metres[used], seed)
     variance = cost_variance(linear_model(joined, [], dict(options), summary.loss_scale_px))
     group = _group(survey, numbers[used], variance)
-    summary = solve(joined, constraints=[group], **options).require_uninterrupted()
+    summary = solve(joined, constraints=[group], **limit.of(options)).require_uninterrupted()
     survey.origin.put_into(joined.metadata)
     model = linear_model(joined, [group], dict(options), summary.loss_scale_px)
     return Controlled(joined, _outcome(joined, survey, numbers, model), group)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from sfmcpp.ba import check
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import takes_options
+from sfmcpp.ba.time_limit import TimeLimit
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
@@ -43,6 +44,7 @@ from sfmcpp.sfm.position_checks import (
 from sfmcpp.sfm.positions import Positions, local_positions, require_no_line
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.stops import heed_stop
 from sfmcpp.weighting import solve
 from sfmcpp.weighting.statistics import MAX_COLUMNS
 
@@ -51,6 +53,7 @@ if TYPE_CHECKING:
 
     from sfmcpp._core import SolveKeywords
 
+_Moved = Callable[[Similarity], None]
 _ROUNDS = 8
 # Cameras whose covariance tells the accuracy of all, at most.
 _JUDGED = 300
@@ -137,8 +140,9 @@ def georeference_to(
     _uses_stated_sigmas(problem, positions)
     # Refuses too few positions, before the problem is changed.
     georeferencing = _Georeferencing(problem, positions, image_names(problem), seed)
+    limit = TimeLimit(options.get("max_seconds"))
     summary = solve(problem, **options).require_uninterrupted()
-    return georeferencing.run(dict(options), summary.loss_scale_px, lambda _: None)
+    return georeferencing.run(dict(options), summary.loss_scale_px, lambda _: None, limit)
 
 
 def georeference_map(world: Map, positions: Positions, settings: IncrementalSettings) -> GpsOutcome:
@@ -166,11 +170,11 @@ def georeference_map(world: Map, positions: Positions, settings: IncrementalSett
     local = world.whole_problem(2)
     hold_of_few_images(local.problem, settings)
     names = [world.image_names[image] for image in local.images]
-    options = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas, **FINE}
+    options = {"loss": "cauchy", "loss_scale_px": settings.loss_sigmas, "callback": heed_stop, **FINE}
     of_images = positions.of(local.images)
     # Points seen once are no part of the problem, and move with it all the same.
     georeferencing = _Georeferencing(local.problem, of_images, names, settings.seed)
-    found = georeferencing.run(options, settings.loss_sigmas, world.transform)
+    found = georeferencing.run(options, settings.loss_sigmas, world.transform, TimeLimit(None))
     world.take(local)
     world.origin = found.outcome.world_origin
     return found.outcome
@@ -253,18 +257,16 @@ class _Georeferencing:
         _require_enough(self._stated.metres)
 
     def run(
-        self, options: dict[str, Any], loss_scale_px: float, moved: Callable[[Similarity], None]
+        self, options: dict[str, Any], loss_scale_px: float, moved: _Moved, limit: TimeLimit
     ) -> Georeferenced:
         """Georeference after a solve with these options and this scale; call `moved` after each move."""
-        fit = self._fit(options, loss_scale_px, moved)
+        fit = self._fit(options, loss_scale_px, moved, limit)
         model = linear_model(self._problem, [fit.group], options, fit.loss_scale_px)
         outcome = self._outcome(fit, model)
         outcome.world_origin.put_into(self._problem.metadata)
         return Georeferenced(outcome, fit.group)
 
-    def _fit(
-        self, options: dict[str, Any], loss_scale_px: float, moved: Callable[[Similarity], None]
-    ) -> _Fit:
+    def _fit(self, options: dict[str, Any], loss_scale_px: float, moved: _Moved, limit: TimeLimit) -> _Fit:
         """Adjust with the positions that agree, until these are the same as before."""
         problem, images = self._problem, self._images
         metres, weights = self._stated.metres, self._stated.member_weights
@@ -284,13 +286,14 @@ class _Georeferencing:
                 member_weights=weights[good],
                 name="gps",
             )
-            sigma_m, redundancy, loss_scale_px = _adjust(problem, group, stated_m, options, loss_scale_px)
+            limited = limit.of(options)
+            sigma_m, redundancy, loss_scale_px = _adjust(problem, group, stated_m, limited, loss_scale_px)
             apart = problem.centres[images] - metres
             misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
             agrees = misses <= outlier_sigmas(redundancy) * np.sqrt(3) * sigma_m
             agrees |= undecidable_positions(problem.centres[images], metres, weights, agrees)
             fit = _Fit(group, sigma_m, good, agrees, apart, loss_scale_px)
-            if (agrees == good).all():
+            if (agrees == good).all() or limit.is_over:
                 break
             good = agrees
         return fit
@@ -315,7 +318,6 @@ class _Georeferencing:
         ]
 
     def _outcome(self, fit: _Fit, model: LinearModel) -> GpsOutcome:
-        warnings = self._warnings(fit, model)
         distances = np.linalg.norm(fit.apart, axis=1).tolist()
         judged, sigmas_m, intrinsics_sigmas = _sigmas_of_result(self._problem, model)
         return GpsOutcome(
@@ -328,7 +330,7 @@ class _Georeferencing:
             residuals_m=dict(zip(self._of_positions, distances, strict=True)),
             offsets_m=dict(zip(self._of_positions, fit.apart, strict=True)),
             sigmas_m={self._names[image]: sigma for image, sigma in zip(judged, sigmas_m, strict=True)},
-            warnings=warnings,
+            warnings=self._warnings(fit, model),
             intrinsics_sigmas=intrinsics_sigmas,
             without_position=[self._names[image] for image in np.flatnonzero(~self._positions.known)],
         )

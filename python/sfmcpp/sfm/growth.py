@@ -25,6 +25,7 @@ from sfmcpp.sfm.map_backup import MapBackup
 from sfmcpp.sfm.match_graph import Pair
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.stops import heed_stop
 from sfmcpp.sfm.structure import Structure
 
 # Told after each image what there is of the model.
@@ -115,15 +116,18 @@ class Growth:
         world, settings = self.world, self._settings
         before, structure = MapBackup.of(world), self.structure.state()
         both = np.array([pair.first, pair.second])
-        world.poses[both] = np.eye(3, 4), second
-        self.structure.triangulate(both)
-        if np.count_nonzero(world.known) >= settings.start_points:
-            self._adjust_all(rounds=2, keep_intrinsics=True)
-            if self._is_good_start(angle_deg):
-                return True
-        before.restore(world)
-        self.structure.restore(*structure)
-        return False
+        is_good = False
+        try:
+            world.poses[both] = np.eye(3, 4), second
+            self.structure.triangulate(both)
+            if np.count_nonzero(world.known) >= settings.start_points:
+                self._adjust_all(rounds=2, keep_intrinsics=True)
+                is_good = self._is_good_start(angle_deg)
+        finally:
+            if not is_good:
+                before.restore(world)
+                self.structure.restore(*structure)
+        return is_good
 
     def _relative_pose(self, pair: Pair) -> tuple[FloatArray, float]:
         """Pose (3, 4) of the second image in the frame of the first, and the median angle of the rays [deg].
@@ -155,7 +159,19 @@ class Growth:
         return bool(np.median(angles) >= angle_deg / 2)
 
     def grow(self, on_image: Told) -> None:
-        """Take in image after image until none can be, then adjust all to the end."""
+        """Take in image after image until none can be, then adjust all to the end.
+
+        A stop, which any adjustment may end with, leaves no outliers.
+        """
+        try:
+            self._grow(on_image)
+        except KeyboardInterrupt:
+            if self.world.registered.any():
+                self.structure.drop_outliers(self.world.whole_problem(2))
+                self._give_up_lost_images()
+            raise
+
+    def _grow(self, on_image: Told) -> None:
         retried = False
         while True:
             if self._register_next():
@@ -229,6 +245,7 @@ class Growth:
 
     def _register(self, image: int) -> bool:
         """Give an image a pose by resection from the points it sees, and what it adds to the model."""
+        heed_stop()
         world = self.world
         rows = world.keypoints_of([image])
         rows = rows[self.structure.sees_known(rows)]

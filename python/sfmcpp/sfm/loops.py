@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from sfmcpp.map import Map
-from sfmcpp.sfm.map_backup import MapBackup
+from sfmcpp.sfm.map_backup import MapBackup, undone_by_an_error
 from sfmcpp.sfm.scene import USUAL_SIGMA_PX
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.stops import heed_stop
 from sfmcpp.sfm.structure import Numbers, Structure
 from sfmcpp.weighting import solve
 
@@ -33,9 +34,10 @@ def close_loops(structure: Structure, settings: IncrementalSettings) -> bool:
     if np.count_nonzero(~structure.given_up[rows]) < settings.min_inliers:
         return False
     before = MapBackup.of(world)
-    structure.observe(rows, structure.tracks[rows])
-    for scale_px in _LOSS_SCALES_PX:
-        _adjust(world, scale_px)
+    with undone_by_an_error([world]):
+        structure.observe(rows, structure.tracks[rows])
+        for scale_px in _LOSS_SCALES_PX:
+            _adjust(world, scale_px)
     points = world.keypoint_points[rows]
     fits = (points >= 0) & (structure.errors_px(rows, structure.tracks[rows]) <= settings.outlier_px)
     if np.count_nonzero(fits) < _LEAST_FITTING_SHARE * len(rows):
@@ -73,5 +75,6 @@ def _adjust(world: Map, scale_px: float) -> None:
         loss_scale_px=scale_px / USUAL_SIGMA_PX,
         max_iterations=_STEPS,
         function_tolerance=1e-4,
+        callback=heed_stop,
     ).require_uninterrupted()
     world.take(local)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import focal_from_pairs
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up, require_seed
@@ -53,10 +53,10 @@ from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.stops import RepeatedProgress, never, stopped_by
 from sfmcpp.sfm.turned_cameras import with_turned_cameras
 from sfmcpp.sources.io.colmap.database import is_database
-from sfmcpp.sources.io.files import failures_named
-from sfmcpp.sources.vision.images import is_picture, require_no_single_picture
+from sfmcpp.sources.vision.images import holds_photos, require_no_single_picture
 
 Method = Callable[[Scene, IncrementalSettings, Callable[[int], bool]], GrownModels]
 METHODS: dict[str, Method] = {"incremental": grow_models, "batch": batch_models}
@@ -159,7 +159,8 @@ def reconstruct(
     front_end : FrontEndSettings, optional
         Settings of features and matches; its matcher, seed and threads are replaced.
     progress : callable
-        Called as ``progress(stage, done, total)``; returning True stops and returns the result so far.
+        Called as ``progress(stage, done, total)``, and again with the same numbers while a model is adjusted;
+        returning True stops and returns the result so far.
 
     Returns
     -------
@@ -196,16 +197,20 @@ def reconstruct(
     photos = scene.graph.photos
     scene = replace(scene, positions=wanted(photos))
     run.warnings += unused_positions(gps, photos)
-    with run.timed("mapping"):
-        grown = METHODS[method](scene, limits, lambda done: progress("mapping", done, len(photos)))
-    refined = Refinement()
-    if subpixel:
-        with run.timed("refining"):
-            refined = refine_models(grown.models, photos, limits, threads=threads, progress=progress)
+    told = RepeatedProgress(progress, "mapping", len(photos))
+    with stopped_by(told.again):
+        with run.timed("mapping"):
+            grown = METHODS[method](scene, limits, lambda done: told("mapping", done, len(photos)))
+        refined = Refinement()
+        if subpixel:
+            with run.timed("refining"):
+                refined = refine_models(grown.models, photos, limits, threads=threads, progress=told)
     found = _finished_run(source, options, scene, grown, run)
     found.warnings += refined.warnings
     found.interrupted |= refined.interrupted
-    _place_and_settle(found, scene, run, needed=gps != "auto")
+    # What was asked to stop before this is placed all the same: it takes little of the time.
+    with stopped_by(never if found.interrupted else told.again):
+        _place_and_settle(found, scene, run, needed=gps != "auto")
     for world in found.models:
         fix_what_few_images_held(world, limits)
     return found
@@ -227,7 +232,7 @@ def _scene_of(
     if isinstance(source, ImageTracks):
         return _scene_of_tracks(from_corner(source), run, front.threads)
     path = Path(source)
-    if _has_images(path):
+    if holds_photos(path):
         return _scene_of_photos(path, run, masks, front, cache)
     if masks is not None:
         raise InvalidArgument(_NO_MASKS)
@@ -242,20 +247,6 @@ def _scene_of(
     with run.timed("reading"):
         source = read_image_tracks(path)
     return _scene_of_tracks(from_corner(source), run, front.threads)
-
-
-def _has_images(path: Path) -> bool:
-    """Whether a path is a folder of images: it is, unless it holds a model or tracks.
-
-    Parts of a model beside photos may be something else, as the PPKRAW.bin of DJI's drones.
-    """
-    with failures_named(path):
-        if not path.exists():
-            raise DatasetError(path, "no such file or directory")
-        if not path.is_dir() or any((path / n).exists() for n in ("images.bin", "images.txt", "Image1.mat")):
-            return False
-        in_part = any(path.glob("[!.]*.bin")) or (path / "cameras.txt").exists()
-        return not in_part or any(map(is_picture, path.iterdir()))
 
 
 def _scene_of_photos(

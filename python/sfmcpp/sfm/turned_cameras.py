@@ -2,7 +2,8 @@
 
 Two images of such a camera are related by a homography, as those of a plane are, and a model could be made
 of them whose depths mean nothing. But the homography of a rotation R is ``K R K⁻¹``: one focal length makes
-all of them rotations, which none does for those of planes.
+all of them rotations, which none does for those of planes. A lens that bends lines hides the homographies;
+there one focal length and distortion make rotations of the rays.
 """
 
 from __future__ import annotations
@@ -16,15 +17,18 @@ from sfmcpp.geometry import two_view_geometry
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, inverse_calibration, to_normalised, unit
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.geometry.two_view_matrices import homography_errors_px
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
+from sfmcpp.sfm.turned_lenses import lenses_of_rotations
 
 # Focal lengths that are tried, in lengths of the longer side. Before longer lenses than these a plane that
 # moves sideways looks like a rotation.
 _TRIED = np.geomspace(0.3, 2.5, 30)
 # Pairs that are tried, those first that have most matches.
 _PAIRS = 20
+# A lens of three unknowns makes a rotation of any one pair of few matches.
+_FEWEST = 2
 # Part of the pairs of a camera that must be rotations, and how much worse these may fit than homographies.
 _MOST, _WORSE = 0.9, 1.5
 # No matches are better; without noise, both errors are rounding [px].
@@ -53,8 +57,8 @@ def with_turned_cameras(graph: MatchGraph, cameras: Cameras) -> MatchGraph:
     Returns
     -------
     MatchGraph
-        Where one focal length makes rotations of nearly all pairs of a camera, these are of the kind
-        ``"rotation"``; else the same graph.
+        Where one lens makes rotations of nearly all pairs of a camera, these are of the kind ``"rotation"``;
+        else the same graph.
     """
     pairs = list(graph.pairs)
     for camera in np.flatnonzero(cameras.guessed):
@@ -68,7 +72,30 @@ def with_turned_cameras(graph: MatchGraph, cameras: Cameras) -> MatchGraph:
 
 
 def _rotations(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
-    """The pairs as rotations, as far as they are; nothing if too few of them are."""
+    """The pairs as rotations, as far as they are; nothing if too few of them are.
+
+    Images that rotations connect are of one place: what is left of their pairs can tell no depth either.
+    """
+    turned = _rotations_of_pinhole(graph, pairs, row) or _rotations_of_lens(graph, pairs, row)
+    place = _places(turned, len(graph.photos))
+    return [_as_rotation(p) if place[p.first] == place[p.second] else p for p in turned]
+
+
+def _places(turned: Sequence[Pair], images: int) -> IndexArray:
+    """(I,) the same number for images that rotations connect."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ends = np.array([(p.first, p.second) for p in turned if p.geometry.kind == "rotation"]).reshape(-1, 2)
+    links = coo_array((np.ones(len(ends)), ends.T), shape=(images, images))
+    return np.asarray(connected_components(links, directed=False)[1])
+
+
+def _as_rotation(pair: Pair) -> Pair:
+    return replace(pair, geometry=replace(pair.geometry, kind="rotation"))
+
+
+def _rotations_of_pinhole(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
     least = _MOST * len(pairs)
     planar = sorted((p for p in pairs if p.geometry.kind == "planar"), key=lambda p: -len(p.verified))
     if not planar or len(planar) < least:
@@ -79,6 +106,19 @@ def _rotations(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> lis
     known = np.concatenate([[focal_px], row[1:]])
     turned = [_verified_again(graph, pair, known) for pair in pairs]
     return turned if sum(pair.geometry.kind == "rotation" for pair in turned) >= least else []
+
+
+def _rotations_of_lens(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
+    """The same for a lens that distorts; pairs count by matches, as those of few have them in corners."""
+    if len(pairs) < _FEWEST:
+        return []
+    matches = np.array([len(pair.verified) for pair in pairs])
+    for lens in lenses_of_rotations(graph, pairs, row):
+        turned = [_verified_again(graph, pair, lens) for pair in pairs]
+        is_rotation = np.array([pair.geometry.kind == "rotation" for pair in turned])
+        if matches[is_rotation].sum() >= _MOST * matches.sum():
+            return turned
+    return []
 
 
 def _matches_of(graph: MatchGraph, pair: Pair) -> _Matches:

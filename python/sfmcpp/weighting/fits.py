@@ -15,6 +15,7 @@ from sfmcpp.ba.arrays import core_arrays, core_constraints
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.ba.options import SolveOptions
 from sfmcpp.ba.summary import Summary
+from sfmcpp.ba.time_limit import TimeLimit
 from sfmcpp.model import CONSTRAINT_KINDS, Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.residual_group import Group
@@ -78,7 +79,8 @@ class WeightFits:
     groups : sequence of ConstraintGroup or ResidualGroup
         All groups; left untouched.
     options : SolveOptions
-        Those of the solve; its loss, linear solver, threads, gauge and time limit hold for each fit.
+        Those of the solve; its loss, linear solver, threads and gauge hold for each fit, its time limit for
+        all together.
 
     Attributes
     ----------
@@ -102,6 +104,7 @@ class WeightFits:
         self.units = [unit_of_group(group, problem) for group in groups]
         kept = ("linear_solver", "loss", "loss_scale_px", "max_iterations", "max_seconds", "threads", "gauge")
         self.options = SolveOptions(**{name: getattr(options, name) for name in kept})
+        self._limit = TimeLimit(options.max_seconds)
         tolerance = max(options.function_tolerance, _ALONE_TOLERANCE)
         self.options = self._options_with(function_tolerance=tolerance)
         state = problem.copy()
@@ -207,7 +210,8 @@ class WeightFits:
         return [replace(g, weight=float(w)) for g, w in zip(self.groups, weights, strict=True)]
 
     def _adjust(self, state: Problem, weights: FloatArray, options: SolveOptions) -> Summary:
-        return adjust(state, self._weighted(weights), options).require_uninterrupted()
+        limited = SolveOptions.from_dict(self._limit.of(options.to_dict()))
+        return adjust(state, self._weighted(weights), limited).require_uninterrupted()
 
     def _result(self, state: Problem, summary: Summary) -> WeightFit:
         constraints = sum(final for _, final in summary.constraint_costs.values())

@@ -15,6 +15,7 @@ from sfmcpp.ba.options import OPTIONS, SolveOptions, takes_options
 from sfmcpp.ba.parts import OwnParts, Scattered, gathered, is_whole_on_root, require_alike
 from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
+from sfmcpp.ba.time_limit import TimeLimit
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.camera_models import require_named
@@ -134,7 +135,10 @@ def solve(
     groups, settings = _checked_arguments(constraints, callback, options)
     if problem is None:
         raise InvalidArgument("problem = None: must be a Problem")
+    limit = TimeLimit(settings.max_seconds)
     weights = _choose_weights(problem, groups, weight, settings)
+    if weight is not None:
+        settings = SolveOptions.from_dict(limit.of(settings.to_dict()))
     summary = adjust(problem, groups, settings, callback, checkpoint, resume)
     return weights.describe(summary, contradiction_warnings(problem, groups, summary, settings))
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import sfmcpp
 from cli_helpers import is_one_error_line, run_here, write_noisy_circle
 from sfmcpp.model import Trajectory
 from sfmcpp.sources.io.trajectories import read_trajectory, write_trajectory
@@ -70,6 +71,29 @@ def test_what_cannot_be_converted_is_told(tmp_path: Path, tum: Path, arguments: 
     assert is_one_error_line(result)
     assert told in result.stderr
     assert not (tmp_path / "out.txt").exists()
+
+
+@pytest.mark.parametrize("model", ["start.npz", "start.out", "model"])
+def test_the_poses_of_a_problem_are_a_trajectory(tmp_path: Path, model: str) -> None:
+    write_noisy_circle(tmp_path)
+    start = sfmcpp.read(tmp_path / "start.npz")
+    sfmcpp.write(start, tmp_path / model)
+    poses = sfmcpp.read(tmp_path / model).cameras
+    count = start.num_cameras
+    (tmp_path / "times.txt").write_text("".join(f"{k / 8}\n" for k in range(count)))
+    for format, how in (("kitti", ()), ("tum", ("--times", "times.txt"))):
+        result = run_here("convert", model, "out.txt", "--format", format, *how, cwd=tmp_path)
+        assert (result.returncode, result.stdout) == (0, f"out.txt: {count} poses ({format})\n")
+        np.testing.assert_allclose(read_trajectory(tmp_path / "out.txt").poses, poses, atol=1e-9)
+    result = run_here("convert", model, "out.txt", "--format", "tum", cwd=tmp_path)
+    assert f"{model}: has no times, which tum needs: --times FILE" in result.stderr
+
+
+def test_projective_cameras_have_no_trajectory(tmp_path: Path) -> None:
+    sfmcpp.write(sfmcpp.as_projective(sfmcpp.circle_scene(3, 20, seed=0)), tmp_path / "p.npz")
+    result = run_here("convert", "p.npz", "out.txt", "--format", "kitti", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "p.npz: its 3 projective cameras have no poses" in result.stderr
 
 
 def test_the_file_of_times_is_not_replaced(tmp_path: Path) -> None:

@@ -210,11 +210,11 @@ def test_a_bad_input_leaves_no_folder(
     assert not Path("out").exists()
 
 
-def test_without_a_model_it_is_bad_input_and_the_reasons_are_told(
+def test_without_a_model_there_is_no_result_and_the_reasons_are_told(
     photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ending(monkeypatch, run_without_model())
-    assert main(["reconstruct", "photos", "-o", "out"]) == 2
+    assert main(["reconstruct", "photos", "-o", "out"]) == 3
     shown = capsys.readouterr()
     assert shown.out == ""
     assert shown.err.startswith("sfmcpp: error: photos: no model: none of 4 images could be registered (")
@@ -233,11 +233,11 @@ def test_without_a_model_its_warnings_are_told_too(
     run = run_without_model()
     run.warnings = ["2 photos are of kinds not read here", "no model: the camera only turned"]
     ending(monkeypatch, run)
-    assert main(["reconstruct", "photos", "-o", "out"]) == 2
+    assert main(["reconstruct", "photos", "-o", "out"]) == 3
     warning, error = capsys.readouterr().err.splitlines()
     assert warning == "sfmcpp: warning: 2 photos are of kinds not read here"
     assert error.endswith("; the camera only turned; see out/report.html")
-    assert main(["reconstruct", "photos", "-o", "out", "--quiet"]) == 2
+    assert main(["reconstruct", "photos", "-o", "out", "--quiet"]) == 3
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
@@ -248,7 +248,7 @@ def test_a_run_without_a_model_leaves_that_of_an_earlier_one_with_its_report(
     assert main(["reconstruct", "photos", "-o", "out"]) == 0
     before = {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()}
     ending(monkeypatch, run_without_model())
-    assert main(["reconstruct", "photos", "-o", "out"]) == 2
+    assert main(["reconstruct", "photos", "-o", "out"]) == 3
     assert capsys.readouterr().err.endswith("; out keeps the model of an earlier run\n")
     assert {path: path.read_bytes() for path in Path("out").rglob("*") if path.is_file()} == before
 

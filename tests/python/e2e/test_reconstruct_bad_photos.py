@@ -25,9 +25,9 @@ def field(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def refused(capsys: pytest.CaptureFixture[str], folder: Path, out: Path, *options: str) -> str:
-    """What is said of photos that give no model: one line, exit code 2."""
-    assert main(["reconstruct", str(folder), "-o", str(out), "--quiet", *options]) == 2
+def refused(capsys: pytest.CaptureFixture[str], folder: Path, out: Path, *options: str, code: int = 2) -> str:
+    """What is said of photos that give no model: one line, and the exit code."""
+    assert main(["reconstruct", str(folder), "-o", str(out), "--quiet", *options]) == code
     shown = capsys.readouterr()
     assert (shown.out, len(shown.err.splitlines())) == ("", 1)
     assert shown.err.startswith(f"sfmcpp: error: {folder}: ") or options
@@ -60,7 +60,7 @@ def test_photos_that_tell_no_depth(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     photos_of(place, tmp_path / "photos", count)
-    said = refused(capsys, tmp_path / "photos", tmp_path / "out", *options)
+    said = refused(capsys, tmp_path / "photos", tmp_path / "out", *options, code=3)
     assert "no model" in said
     assert told in said
     report = strict_json(tmp_path / "out/report.json")
@@ -75,7 +75,7 @@ def test_masks_that_cover_everything(field: Path, tmp_path: Path, capsys: pytest
     (tmp_path / "masks").mkdir()
     for photo in field.iterdir():
         black.save(tmp_path / "masks" / f"{photo.name}.png")
-    said = refused(capsys, field, tmp_path / "out", "--masks", str(tmp_path / "masks"))
+    said = refused(capsys, field, tmp_path / "out", "--masks", str(tmp_path / "masks"), code=3)
     assert "almost no features were detected outside its mask" in said
 
 

@@ -65,22 +65,23 @@ def failures_named(path: Path) -> Iterator[None]:
         raise DatasetError(path, f"{unfit!a} cannot be written as UTF-8: {error.reason}") from error
 
 
-def read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path, *, may_be_empty: bool = False) -> bytes:
     """Content of a file, decompressed if its suffix is one of `COMPRESSED_SUFFIXES`.
 
     Raises
     ------
     DatasetError
-        If `path` is no regular file, cannot be read, is empty, is not what its suffix says, ends early,
-        has anything after the compressed data, or expands further than `largest_expansion` allows.
+        If `path` is no regular file, cannot be read, is empty though it may not be, is not what its suffix
+        says, ends early, has anything after the compressed data, or expands further than `largest_expansion`
+        allows.
     """
     data = b"".join(_content(path))
-    if not data:
+    if not (data or may_be_empty):
         raise DatasetError(path, "the file is empty")
     return data
 
 
-def read_text_bytes(path: Path) -> bytes:
+def read_text_bytes(path: Path, *, may_be_empty: bool = False) -> bytes:
     """Content of a text file as of :func:`read_bytes`, without a byte order mark.
 
     Lines that end with CR alone end with LF: all would be one line, which a comment makes an empty text.
@@ -90,7 +91,7 @@ def read_text_bytes(path: Path) -> bytes:
     DatasetError
         As :func:`read_bytes`, and for UTF-16.
     """
-    data = _without_byte_order_mark(path, read_bytes(path))
+    data = _without_byte_order_mark(path, read_bytes(path, may_be_empty=may_be_empty))
     return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 

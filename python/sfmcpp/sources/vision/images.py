@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.photos import natural_order
-from sfmcpp.sources.io.files import MAX_IMAGE, largest_image
+from sfmcpp.sources.io.files import MAX_IMAGE, failures_named, largest_image
 
 GreyImage = NDArray[np.uint8]
 
@@ -101,6 +101,25 @@ def is_picture(file: Path) -> bool:
     """Whether a file's name says that it is an image."""
     # Some systems leave a hidden companion, ._name.png, beside each file.
     return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+
+
+def holds_photos(path: Path) -> bool:
+    """Whether a path is a folder of images: it is, unless it holds a model or tracks.
+
+    Parts of a model beside photos may be something else, as the PPKRAW.bin of DJI's drones.
+
+    Raises
+    ------
+    DatasetError
+        If there is no such path, or it cannot be read.
+    """
+    with failures_named(path):
+        if not path.exists():
+            raise DatasetError(path, "no such file or directory")
+        if not path.is_dir() or any((path / n).exists() for n in ("images.bin", "images.txt", "Image1.mat")):
+            return False
+        in_part = any(path.glob("[!.]*.bin")) or (path / "cameras.txt").exists()
+        return not in_part or any(map(is_picture, path.iterdir()))
 
 
 def is_foreign_picture(file: Path) -> bool:

@@ -10,10 +10,13 @@ import pytest
 import sfmcpp.sfm.run as sfm_run
 from flights import flight
 from sfm_scenes import match_graph
+from sfmcpp.geometry import reprojection_errors_px
 from sfmcpp.map import Map
 from sfmcpp.sfm import MatchGraph, reconstruct
 from sfmcpp.sfm.result import SfmRun
+from sfmcpp.sfm.settings import IncrementalSettings
 
+OUTLIER_PX = IncrementalSettings().outlier_px
 PLACES = np.array([[12.0 * step, 15.0 * row] for row in (0, 1) for step in range(4)])
 TRUTH = flight(PLACES, seed=5)
 
@@ -88,3 +91,22 @@ def test_a_georeferenced_model_stays_so(
     assert found.interrupted
     assert found.gps is not None
     assert_same_model(found, expected)
+
+
+@pytest.mark.parametrize("at", [1, 12, 28, 60])
+def test_a_stop_is_heeded_within_adjustments(graph: MatchGraph, at: int) -> None:
+    told: list[tuple[str, int]] = []
+
+    def progress(stage: str, done: int, total: int) -> bool:
+        told.append((stage, done))
+        return len(told) >= at
+
+    found = reconstruct(graph, camera=500.0, subpixel=False, progress=progress)
+    assert found.interrupted
+    assert len(told) == at
+    assert at == 1 or told[-1] == told[-2]  # not only when an image has been taken in
+    assert (found.model is None) == (told[-1][1] == 0)
+    if found.model is not None:
+        local = found.model.whole_problem(2)
+        assert local.problem.num_points > 50
+        assert reprojection_errors_px(local.problem, local.problem.points).max() <= OUTLIER_PX

@@ -145,7 +145,8 @@ def _read_keypoints(text: NumberText, rows: Int64Array) -> tuple[Int64Array, Flo
 
 
 def _read_points(path: Path) -> PointTable:
-    text = NumberText(path, read_text_bytes(path), comments=True)
+    # COLMAP asks for an empty file where poses are known and points are to be found.
+    text = NumberText(path, read_text_bytes(path, may_be_empty=True), comments=True)
     lines = text.lines
     good = (lines.count >= _POINT_NUMBERS) & ((lines.count - _POINT_NUMBERS) % _TRACK == 0)
     text.require_line_counts(good, "8 (id, position, colour, error) and pairs of image id and keypoint")

@@ -283,7 +283,7 @@ DAMAGE = [
         "observes this point twice by its keypoint 0",
     ),
     ("points3D", "-4 1 2 3 255 0 7 0.5 3 0 9 1\n", 1, "point id -4"),
-    ("points3D", "", None, "the file is empty"),
+    ("points3D", "", 2, "which does not list it"),
 ]
 
 
