@@ -100,9 +100,17 @@ def _steps_and_directions(odometer: Odometer, turns: Sequence[Turn]) -> tuple[Fl
 
 
 def _speed_jumps(odometer: Odometer) -> list[str]:
-    """A sentence for each stretch in which the speed cannot be right; one for all if there are many."""
-    stretches = odometer.doubtful_stretches
-    told = f"stream {odometer.stream.name!r}: the speed jumps by more than a vehicle can; "
+    """A sentence for each stretch in which the speed cannot be right; one for all of a kind if there are many."""
+    told = f"stream {odometer.stream.name!r}: the speed"
+    frozen = f"{told} repeats its last value and then leaps, as if frozen; "
+    jumps = f"{told} jumps by more than a vehicle can; "
+    return [
+        *_sentences(frozen, odometer.frozen_stretches, odometer),
+        *_sentences(jumps, odometer.jumping_stretches, odometer),
+    ]
+
+
+def _sentences(told: str, stretches: Sequence[Gap], odometer: Odometer) -> list[str]:
     if len(stretches) > _MOST_JUMPS:
         rule = "they are bridged by inertia or get no weight"
         return [f"{told}in {len(stretches)} stretches, first {stretches[0]}, {rule}"]
