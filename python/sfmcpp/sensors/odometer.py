@@ -36,8 +36,9 @@ _VARIED = 0.1
 # A leap undoes an earlier one if their factors on the speed agree to this share.
 _SAME = 0.15
 # An odometer is dead if for so many pairs of images in a row it moves by at most this share of its usual
-# distance, the quantile `_USUAL` of all pairs.
-_FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
+# distance, the quantile `_USUAL` of all pairs. Images show a step if their parallax is more than this share of
+# what it usually is: that of a body that stands or hovers is noise and sway.
+_FEWEST_PAIRS, _DEAD_SHARE, _USUAL, _SEEN_SHARE = 4, 0.02, 0.9, 0.1
 # Below this speed the body stands, and the factor of an odometer may change without a leap.
 _STANDING_M_S = 0.3
 # A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
@@ -187,7 +188,8 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
 def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ...]:
     """Stretches in which an odometer does not move while the camera does, as one that has come off.
 
-    It does not where its way from image to image is less than 2 % of what it usually is.
+    It does not where its way from image to image is less than 2 % of what it usually is. Pairs of images whose
+    parallax is less than a tenth of what it usually is show that the camera stands, too.
 
     Parameters
     ----------
@@ -207,7 +209,7 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
         If the stream is of another kind.
     """
     t_s, speeds = speeds_of(stream)
-    told = [(t, travelled_distance(stream, t.start_s, t.end_s)) for t in turns]
+    told = [(t, travelled_distance(stream, t.start_s, t.end_s)) for t in _with_steps(turns)]
     ways = np.array([abs(way) for _, way in told if way is not None])
     pairs = [turn for turn, way in told if way is not None]
     if len(ways) < _FEWEST_PAIRS:
@@ -221,6 +223,13 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
         if end - first >= _FEWEST_PAIRS
     ]
     return tuple(stretch for stretch in found if stretch is not None)
+
+
+def _with_steps(turns: Sequence[Turn]) -> list[Turn]:
+    """Those of the pairs of images whose parallax is no noise of a camera that stands, as far as it is known."""
+    known = [turn.parallax_px for turn in turns if not np.isnan(turn.parallax_px)]
+    least_px = _SEEN_SHARE * np.quantile(known, _USUAL) if known else 0.0
+    return [turn for turn in turns if not turn.parallax_px < least_px]
 
 
 def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap | None:

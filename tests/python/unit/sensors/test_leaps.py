@@ -235,6 +235,20 @@ def test_an_odometer_that_rocks_between_images_or_is_asked_over_unlike_times_is_
     assert dead_stretches(stream_of(t_s, np.full(len(t_s), 10.0)), [*short, *long]) == ()
 
 
+def test_an_odometer_of_a_body_that_stands_or_hovers_is_not_dead() -> None:
+    """Images of a camera that stands show the parallax of their noise, now and then as a step."""
+    t_s = np.arange(0, 40, 0.1)
+    speeds = np.where((t_s > 15) & (t_s < 25), 0.01, 4.0)
+
+    def steps(resting_px: float) -> list[Turn]:
+        parallax = [resting_px if 15 <= a < 25 else 9.0 for a in range(39)]
+        return [Turn(a, a + 1.0, np.eye(3), parallax_px=px) for a, px in enumerate(parallax)]
+
+    assert dead_stretches(stream_of(t_s, speeds), steps(0.5)) == ()
+    (dead,) = dead_stretches(stream_of(t_s, speeds), steps(5.0))
+    assert dead.end_s - dead.start_s == pytest.approx(10.0, abs=0.3)
+
+
 def test_distances_are_not_carried() -> None:
     with pytest.raises(InvalidArgument, match="distance"):
         carried_over(stream_of(np.arange(3.0), np.arange(3.0), "distance"), [])
