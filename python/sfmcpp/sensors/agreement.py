@@ -52,8 +52,8 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
 
     Ways and rotations over stretches of two seconds must agree within a factor of two in the median,
     between any two streams that measure them; and no velocity may, with the angular rate, need more than
-    `LARGEST_ACCELERATION_M_S2` across for a second; a speed is one along the body's x axis. A sensor that is wrong for a while passes: that is for
-    its weight to tell.
+    `LARGEST_ACCELERATION_M_S2` across for a second; a speed is one along the body's x axis. A sensor that is
+    wrong for a while passes: that is for its weight to tell.
 
     Parameters
     ----------

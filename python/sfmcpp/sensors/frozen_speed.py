@@ -13,12 +13,12 @@ from sfmcpp.sensors.stream import repeats, require_kind
 _LEAST_S = 0.5
 # Below this speed the body stands, and every odometer repeats itself [m/s].
 _STANDING_M_S = 0.3
-# Values on a coarse grid and those of a logger are repeated at more than this share of the samples; at least so
-# many others must show that these are not. Among them such a row may come by chance with this probability.
+# Values on a coarse grid and those of a logger are repeated at more than this share of the samples; at least
+# so many others must show that these are not. Among them such a row may come by chance with this probability.
 _MOST_REPEATED, _FEWEST_OTHERS, _CHANCE = 0.2, 20, 1e-3
 # After it the value leaps by so many of the largest usual changes (this quantile of them).
 _LEAP, _USUAL = 3.0, 0.99
-# Without a value after it, the others must scatter: as without noise, a speed may be constant to the last digit.
+# Without a value after it, the others must scatter: without noise a speed may be constant to the last digit.
 # Of white noise the medians of second and first differences have the ratio 1.7, of smooth speeds nearly zero.
 _SCATTER = 0.5
 

@@ -21,7 +21,7 @@ from sfmcpp.sensors.stream import (
     require_kind,
     segments,
 )
-from sfmcpp.sensors.turn import Turn
+from sfmcpp.sensors.turn import Turn, rotations_of
 
 # Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
 LARGEST_ACCELERATION_M_S2 = 12.0
@@ -36,9 +36,13 @@ _VARIED = 0.1
 # A leap undoes an earlier one if their factors on the speed agree to this share.
 _SAME = 0.15
 # An odometer is dead if for so many pairs of images in a row it moves by at most this share of its usual
-# distance, the quantile `_USUAL` of all pairs. Images show a step if their parallax is more than this share of
-# what it usually is: that of a body that stands or hovers is noise and sway.
-_FEWEST_PAIRS, _DEAD_SHARE, _USUAL, _SEEN_SHARE = 4, 0.02, 0.9, 0.1
+# distance, the quantile `_USUAL` of all pairs.
+_FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
+# Images show a step if their parallax is more than this [px], and this share of its median: that of a body
+# which stands or hovers is noise and sway. If the camera turns by more than so much, the step must go about
+# where it usually goes: beside the axis of a body that turns on the spot it goes aside [rad].
+_LEAST_PARALLAX_PX, _SEEN_SHARE = 1.0, 0.1
+_LARGEST_TURN_RAD, _LARGEST_ASIDE_RAD = np.radians([5.0, 45.0]).tolist()
 # Below this speed the body stands, and the factor of an odometer may change without a leap.
 _STANDING_M_S = 0.3
 # A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
@@ -188,8 +192,9 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
 def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ...]:
     """Stretches in which an odometer does not move while the camera does, as one that has come off.
 
-    It does not where its way from image to image is less than 2 % of what it usually is. Pairs of images whose
-    parallax is less than a tenth of what it usually is show that the camera stands, too.
+    It does not where its way from image to image is less than 2 % of what it usually is. The camera may
+    stand, too, where the parallax of two images is less than a pixel or a tenth of what it usually is, and
+    may be beside the axis of a body that turns on the spot where it turns by more than 5° and goes aside.
 
     Parameters
     ----------
@@ -226,10 +231,19 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
 
 
 def _with_steps(turns: Sequence[Turn]) -> list[Turn]:
-    """Those of the pairs of images whose parallax is no noise of a camera that stands, as far as it is known."""
+    """Those of the pairs of images that no body which stands or turns on the spot can have made."""
     known = [turn.parallax_px for turn in turns if not np.isnan(turn.parallax_px)]
-    least_px = _SEEN_SHARE * np.quantile(known, _USUAL) if known else 0.0
-    return [turn for turn in turns if not turn.parallax_px < least_px]
+    least_px = max(_LEAST_PARALLAX_PX, _SEEN_SHARE * float(np.median(known))) if known else 0.0
+    stepping = [turn for turn in turns if not turn.parallax_px < least_px]
+    if not stepping:
+        return []
+    turned = so3.log(rotations_of(stepping))
+    is_small = np.linalg.norm(turned, axis=1) < _LARGEST_TURN_RAD
+    # In the axes of the camera amid the pair.
+    ways = np.einsum("nji,nj->ni", so3.exp(0.5 * turned), [turn.direction for turn in stepping])
+    usual = np.nansum(ways[is_small] if is_small.any() else ways, axis=0)
+    is_usual = ways @ usual > np.cos(_LARGEST_ASIDE_RAD) * np.linalg.norm(usual)
+    return [turn for turn, kept in zip(stepping, is_small | is_usual, strict=True) if kept]
 
 
 def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap | None:

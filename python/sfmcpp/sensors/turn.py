@@ -25,7 +25,8 @@ class Turn:
     covariance : (3, 3) float64
         Of `direction`; NaN where it is not known.
     parallax_px : float
-        Median motion of the points that the rotation leaves to be explained [px]; NaN where it is not known.
+        Motion that the rotation leaves to be explained, the lower quartile of all points [px]: some may move
+        before a camera that stands. NaN where it is not known.
     """
 
     start_s: float

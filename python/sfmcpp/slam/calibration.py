@@ -108,7 +108,7 @@ def _rotation_between_images(
     motion = found.camera[:, :3], found.camera[:, 3]
     if not found.success:
         return None
-    return Turn(before.t_s, after.t_s, *motion, parallax_px=found.median_parallax_px)
+    return Turn(before.t_s, after.t_s, *motion, parallax_px=found.lower_parallax_px)
 
 
 def _renew_constraints(result: SlamResult, sensors: SensorSuite) -> None:

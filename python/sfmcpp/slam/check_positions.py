@@ -17,7 +17,7 @@ from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
 
-# Directions of travel in the camera's axes are alike if their mean is at least so long: about that of 40° scatter.
+# Directions of travel in the camera's axes are alike if their mean is so long: about that of 40° of scatter.
 _LEAST_STEADY = 0.75
 
 

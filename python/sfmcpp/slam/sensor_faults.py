@@ -100,7 +100,7 @@ def _steps_and_directions(odometer: Odometer, turns: Sequence[Turn]) -> tuple[Fl
 
 
 def _speed_jumps(odometer: Odometer) -> list[str]:
-    """A sentence for each stretch in which the speed cannot be right; one for all of a kind if there are many."""
+    """A sentence for each stretch in which the speed cannot be right; one for all of a kind if many."""
     told = f"stream {odometer.stream.name!r}: the speed"
     frozen = f"{told} repeats its last value and then leaps, as if frozen; "
     jumps = f"{told} jumps by more than a vehicle can; "

@@ -86,7 +86,7 @@ def test_a_clock_that_is_off_is_told_and_set_right_beside_odometer_and_gyroscope
 
 
 def test_a_camera_that_turns_about_itself_says_nothing_of_swapped_axes() -> None:
-    """As on a drone: seen from a camera that turns against its way, correct positions bend to the other side."""
+    """As on a drone: its turns do not tell to which side the way bends."""
     _, gyro = of_motion()
     result = run(mirrored(), gyro)
     suite = SensorSuite([mirrored(), gyro])
