@@ -187,12 +187,14 @@ def _distance_between(stream: SensorStream, start_s: float, end_s: float) -> flo
 
 
 def _angle_between(stream: SensorStream, start_s: float, end_s: float) -> float:
-    """Angle turned through; of rates the mean times the time, so that several turns are not none."""
+    """Angle turned through: the mean rate times the time, so that several turns are not none."""
     if stream.kind == "angular_rate":
         middles_s, lengths_s = segments(start_s, end_s, stream)
         return float(np.linalg.norm(lengths_s @ measured_at(stream, middles_s)))
-    start, end = so3.exp(measured_at(stream, np.array([start_s, end_s]))[:, -3:])
-    return float(so3.rotation_angle(start.T @ end))
+    ticks = np.linspace(start_s, end_s, round(_STRETCH_S / _TICK_S) + 1)
+    rotations = so3.exp(measured_at(stream, ticks)[:, -3:])
+    steps = so3.log(np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:])
+    return float(np.linalg.norm(steps.sum(axis=0)))
 
 
 def _require_drivable(speed: SensorStream, turning: SensorStream) -> None:

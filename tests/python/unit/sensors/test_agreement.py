@@ -61,6 +61,19 @@ def test_a_body_that_spins_while_it_flies_straight_on_is_possible() -> None:
         require_agreement([velocity, times(rates, -1.0)])
 
 
+@pytest.mark.parametrize("kind", ["orientation", "pose"])
+def test_more_than_half_a_turn_between_two_orientations_is_counted(kind: str) -> None:
+    """A body that spins at 150°/s turns by 300° in two seconds; its orientations are 60° apart."""
+    t_s = np.arange(0.0, SECONDS, 0.05)
+    spin = np.radians(150.0) * t_s[:, None] * [0.0, 0.0, 1.0]
+    turned = Rotation.from_rotvec(spin).as_rotvec()
+    values = turned if kind == "orientation" else np.hstack([0 * turned, turned])
+    rates = SensorStream(t_s, np.tile([0.0, 0.0, np.radians(150.0)], (len(t_s), 1)), "angular_rate")
+    require_agreement([rates, SensorStream(t_s, values, kind)])
+    with pytest.raises(InvalidArgument, match="times those of stream"):
+        require_agreement([times(rates, 1 / 57.3), SensorStream(t_s, values, kind)])
+
+
 @pytest.mark.parametrize("kind", ["speed", "velocity"])
 def test_a_motorcycle_that_leans_over_is_possible(kind: str) -> None:
     """From one side to the other at 45°/s and 20 m/s."""
