@@ -128,7 +128,9 @@ def _biased_and_dead(sensors: SensorSuite, turns: Sequence[Turn]) -> list[str]:
     biases = [
         f"{name}: a bias of {np.degrees(np.linalg.norm(rate)):.1f}°/s is removed from its rates"
         for name, rate in sensors.biases.items()
+        if name not in sensors.drifts
     ]
+    biases += [f"{name}: {drift.complaint}" for name, drift in sensors.drifts.items()]
     dead = [
         f"{name}: it does not move for {stretch}, while the images do: is it dead?"
         for name, stretches in dead_odometers(sensors, turns).items()
