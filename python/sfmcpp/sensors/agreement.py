@@ -232,4 +232,4 @@ def _accelerations(velocity: FloatArray, rate: FloatArray) -> FloatArray:
     """
     across = np.cross(rate, velocity)
     changes = np.gradient(velocity, _TICK_S, axis=0)
-    return np.minimum(np.linalg.norm(across, axis=1), np.linalg.norm(across + changes, axis=1))
+    return np.asarray(np.minimum(np.linalg.norm(across, axis=1), np.linalg.norm(across + changes, axis=1)))
