@@ -92,8 +92,9 @@ def camera_displacement(
 ) -> FloatArray | None:
     """Step of a camera on the body between two times: in a bend it is not that of the body.
 
-    The body is taken to turn at a constant rate; its chord is then sin(θ/2)/(θ/2) of its way, and half the
-    turn aside.
+    The body is taken to turn at a constant rate: at a constant velocity its chord is then sin(θ/2)/(θ/2) of
+    its way, and half the turn aside. Velocities that change add up as they are turned: what goes to and fro,
+    or bounces, gets nowhere.
 
     Parameters
     ----------
@@ -121,21 +122,25 @@ def camera_displacement(
     if way is None:
         return None
     body = mounting.camera_from_body.T @ turn @ mounting.camera_from_body
-    vector = so3.log(body)
-    chord = way * np.sinc(np.linalg.norm(vector) / (2 * np.pi))
-    step = chord * (so3.exp(0.5 * vector) @ _direction(stream, start_s, end_s))
+    if stream.kind == "velocity":
+        step = _step_of_velocities(stream, start_s, end_s, so3.log(body))
+    else:
+        step = _turned(np.array([[way, 0.0, 0.0]]), so3.log(body), np.array([0.5]), np.ones(1))
     return np.asarray(mounting.camera_from_body @ (step + body @ mounting.lever_arm_m - mounting.lever_arm_m))
 
 
-def _direction(stream: SensorStream, start_s: float, end_s: float) -> FloatArray:
-    """Mean direction (3,) of the motion in the body's axes."""
-    ahead = np.array([1.0, 0.0, 0.0])
-    if stream.kind != "velocity":
-        return ahead
+def _step_of_velocities(stream: SensorStream, start_s: float, end_s: float, turn: FloatArray) -> FloatArray:
+    """Step (3,) of a body that turns evenly by a rotation vector (3,), in its axes at the start [m]."""
     middles_s, lengths_s = segments(start_s, end_s, stream)
-    mean = lengths_s @ measured_at(stream, middles_s)
-    length = float(np.linalg.norm(mean))
-    return np.asarray(mean / length) if length > 0 else ahead
+    ways = lengths_s[:, None] * measured_at(stream, middles_s)
+    lasts_s = max(end_s - start_s, np.finfo(float).tiny)
+    return _turned(ways, turn, (middles_s - start_s) / lasts_s, lengths_s / lasts_s)
+
+
+def _turned(ways: FloatArray, turn: FloatArray, middles: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Sum of ways (n, 3) in the axes of a body that turns; when and how long, as shares of the turn (n,)."""
+    chords = np.sinc(np.linalg.norm(turn) * lengths / (2 * np.pi))[:, None] * ways
+    return np.asarray(np.einsum("nij,nj->i", so3.exp(middles[:, None] * turn), chords))
 
 
 @checked()
