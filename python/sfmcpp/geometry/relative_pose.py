@@ -7,7 +7,7 @@ which the pixels hardly choose. RANSAC returns one of them; this module searches
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,6 +27,8 @@ _LOG_LIKELIHOOD_MARGIN = 10.0
 _SAME_POSE_DEG = 3.0
 # Part of the squared threshold that errors of exact matches are lifted to, so that likelihoods stay finite.
 _EXACT = 1e-6
+# Share of the matches that move less than the parallax that is told of a camera which may stand.
+_LOWER = 0.25
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,13 @@ class RelativePose(PoseEstimate):
     median_parallax_px : float
         Median over the inliers of the motion that the rotation of the pose leaves to be explained: the angle
         between the rays times the focal length [px]. Not a number without inliers.
+    lower_parallax_px : float
+        Lower quartile, over all matches of a pose that was found, of the motion that the rotation of most of
+        them leaves [px]: as small as the noise where the camera stands, whatever moves before it.
     """
 
     median_parallax_px: float
+    lower_parallax_px: float = np.nan
 
 
 def relative_pose(
@@ -134,7 +140,8 @@ def relative_pose(
         reason = f"{np.count_nonzero(inliers)} inliers near one line in either image: they fit many poses"
         return _failed(matches, "collinear matches", reason)
     camera, rivals = best_and_rivals(matches, camera, rotation, options)
-    return _successful_pose(matches, camera, rivals, threshold_px)
+    lower_px = float(np.quantile(parallax_px, _LOWER))
+    return replace(_successful_pose(matches, camera, rivals, threshold_px), lower_parallax_px=lower_px)
 
 
 def is_open(matches: Matches, camera: FloatArray, inliers: BoolArray, threshold_px: float) -> bool:

@@ -51,9 +51,9 @@ def require_agreement(streams: Collection[SensorStream]) -> None:
     """Refuse streams of one body that cannot all be in the units they are declared in.
 
     Ways and rotations over stretches of two seconds must agree within a factor of two in the median,
-    between any two streams that measure them; and no speed may, with the angular rate, need more than
-    `LARGEST_ACCELERATION_M_S2` across for a second. A sensor that is wrong for a while passes: that is for
-    its weight to tell.
+    between any two streams that measure them; and no velocity may, with the angular rate, need more than
+    `LARGEST_ACCELERATION_M_S2` across for a second; a speed is one along the body's x axis. A sensor that is
+    wrong for a while passes: that is for its weight to tell.
 
     Parameters
     ----------
@@ -187,16 +187,18 @@ def _distance_between(stream: SensorStream, start_s: float, end_s: float) -> flo
 
 
 def _angle_between(stream: SensorStream, start_s: float, end_s: float) -> float:
-    """Angle turned through; of rates the mean times the time, so that several turns are not none."""
+    """Angle turned through: the mean rate times the time, so that several turns are not none."""
     if stream.kind == "angular_rate":
         middles_s, lengths_s = segments(start_s, end_s, stream)
         return float(np.linalg.norm(lengths_s @ measured_at(stream, middles_s)))
-    start, end = so3.exp(measured_at(stream, np.array([start_s, end_s]))[:, -3:])
-    return float(so3.rotation_angle(start.T @ end))
+    ticks = np.linspace(start_s, end_s, round(_STRETCH_S / _TICK_S) + 1)
+    rotations = so3.exp(measured_at(stream, ticks)[:, -3:])
+    steps = so3.log(np.swapaxes(rotations[:-1], 1, 2) @ rotations[1:])
+    return float(np.linalg.norm(steps.sum(axis=0)))
 
 
 def _require_drivable(speed: SensorStream, turning: SensorStream) -> None:
-    """Refuse a lateral acceleration, speed times angular rate, that no body keeps up for a second."""
+    """Refuse an acceleration across the motion that no body keeps up for a second."""
     start, end = max(speed.t_s[0], turning.t_s[0]), min(speed.t_s[-1], turning.t_s[-1])
     for begin in np.arange(start, end, _PIECE_S).tolist():
         times = np.arange(begin, min(begin + _PIECE_S + _WINDOW * _TICK_S, end), _TICK_S)
@@ -205,14 +207,29 @@ def _require_drivable(speed: SensorStream, turning: SensorStream) -> None:
 
 
 def _require_drivable_at(times: FloatArray, speed: SensorStream, turning: SensorStream) -> None:
-    pace, rate = (np.linalg.norm(measured_at(s, times), axis=1) for s in (speed, turning))
+    velocity, rate = (measured_at(s, times) for s in (speed, turning))
+    if speed.kind == "speed":
+        velocity = velocity * [1.0, 0.0, 0.0]
+    across = _accelerations(velocity, rate)
     for gap in (*speed.gaps(), *turning.gaps()):  # nothing was measured there
-        pace[(times > gap.start_s) & (times < gap.end_s)] = 0.0
-    sustained = np.median(np.lib.stride_tricks.sliding_window_view(pace * rate, _WINDOW), axis=1)
+        across[(times > gap.start_s) & (times < gap.end_s)] = 0.0
+    sustained = np.median(np.lib.stride_tricks.sliding_window_view(across, _WINDOW), axis=1)
     worst = int(np.argmax(sustained))
     if sustained[worst] > LARGEST_ACCELERATION_M_S2:
+        pace, turn = (float(np.linalg.norm(values[worst])) for values in (velocity, rate))
         raise InvalidArgument(
-            f"stream {speed.name!r} at {pace[worst]:.3g} m/s with stream {turning.name!r} at "
-            f"{rate[worst]:.3g} rad/s, at {times[worst]:.3f} s: {sustained[worst]:.3g} m/s² across for a "
-            f"second, must be at most {LARGEST_ACCELERATION_M_S2:g}; was one given in km/h or degrees/s?"
+            f"stream {speed.name!r} at {pace:.3g} m/s with stream {turning.name!r} at {turn:.3g} rad/s, at "
+            f"{times[worst]:.3f} s: {sustained[worst]:.3g} m/s² across for a second, must be at most "
+            f"{LARGEST_ACCELERATION_M_S2:g}; was one given in km/h or degrees/s?"
         )
+
+
+def _accelerations(velocity: FloatArray, rate: FloatArray) -> FloatArray:
+    """Accelerations (n,) that the turning of a body takes, of velocities and rates (n, 3) in its axes.
+
+    None to lean, which turns about the motion; nor to spin while the velocity turns against the body, as a
+    drone's does.
+    """
+    across = np.cross(rate, velocity)
+    changes = np.gradient(velocity, _TICK_S, axis=0)
+    return np.asarray(np.minimum(np.linalg.norm(across, axis=1), np.linalg.norm(across + changes, axis=1)))

@@ -21,7 +21,7 @@ from sfmcpp.sensors.stream import (
     require_kind,
     segments,
 )
-from sfmcpp.sensors.turn import Turn
+from sfmcpp.sensors.turn import Turn, rotations_of
 
 # Along or across, tyres on a dry road hold about 1 g; nor does a train or a walker do more for a second.
 LARGEST_ACCELERATION_M_S2 = 12.0
@@ -38,6 +38,11 @@ _SAME = 0.15
 # An odometer is dead if for so many pairs of images in a row it moves by at most this share of its usual
 # distance, the quantile `_USUAL` of all pairs.
 _FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
+# Images show a step if their parallax is more than this [px], and this share of its median: that of a body
+# which stands or hovers is noise and sway. If the camera turns by more than so much, the step must go about
+# where it usually goes: beside the axis of a body that turns on the spot it goes aside [rad].
+_LEAST_PARALLAX_PX, _SEEN_SHARE = 1.0, 0.1
+_LARGEST_TURN_RAD, _LARGEST_ASIDE_RAD = np.radians([5.0, 45.0]).tolist()
 # Below this speed the body stands, and the factor of an odometer may change without a leap.
 _STANDING_M_S = 0.3
 # A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
@@ -87,8 +92,9 @@ def camera_displacement(
 ) -> FloatArray | None:
     """Step of a camera on the body between two times: in a bend it is not that of the body.
 
-    The body is taken to turn at a constant rate; its chord is then sin(θ/2)/(θ/2) of its way, and half the
-    turn aside.
+    The body is taken to turn at a constant rate: at a constant velocity its chord is then sin(θ/2)/(θ/2) of
+    its way, and half the turn aside. Velocities that change add up as they are turned: what goes to and fro,
+    or bounces, gets nowhere.
 
     Parameters
     ----------
@@ -116,21 +122,25 @@ def camera_displacement(
     if way is None:
         return None
     body = mounting.camera_from_body.T @ turn @ mounting.camera_from_body
-    vector = so3.log(body)
-    chord = way * np.sinc(np.linalg.norm(vector) / (2 * np.pi))
-    step = chord * (so3.exp(0.5 * vector) @ _direction(stream, start_s, end_s))
+    if stream.kind == "velocity":
+        step = _step_of_velocities(stream, start_s, end_s, so3.log(body))
+    else:
+        step = _turned(np.array([[way, 0.0, 0.0]]), so3.log(body), np.array([0.5]), np.ones(1))
     return np.asarray(mounting.camera_from_body @ (step + body @ mounting.lever_arm_m - mounting.lever_arm_m))
 
 
-def _direction(stream: SensorStream, start_s: float, end_s: float) -> FloatArray:
-    """Mean direction (3,) of the motion in the body's axes."""
-    ahead = np.array([1.0, 0.0, 0.0])
-    if stream.kind != "velocity":
-        return ahead
+def _step_of_velocities(stream: SensorStream, start_s: float, end_s: float, turn: FloatArray) -> FloatArray:
+    """Step (3,) of a body that turns evenly by a rotation vector (3,), in its axes at the start [m]."""
     middles_s, lengths_s = segments(start_s, end_s, stream)
-    mean = lengths_s @ measured_at(stream, middles_s)
-    length = float(np.linalg.norm(mean))
-    return np.asarray(mean / length) if length > 0 else ahead
+    ways = lengths_s[:, None] * measured_at(stream, middles_s)
+    lasts_s = max(end_s - start_s, np.finfo(float).tiny)
+    return _turned(ways, turn, (middles_s - start_s) / lasts_s, lengths_s / lasts_s)
+
+
+def _turned(ways: FloatArray, turn: FloatArray, middles: FloatArray, lengths: FloatArray) -> FloatArray:
+    """Sum of ways (n, 3) in the axes of a body that turns; when and how long, as shares of the turn (n,)."""
+    chords = np.sinc(np.linalg.norm(turn) * lengths / (2 * np.pi))[:, None] * ways
+    return np.asarray(np.einsum("nij,nj->i", so3.exp(middles[:, None] * turn), chords))
 
 
 @checked()
@@ -187,7 +197,9 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
 def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ...]:
     """Stretches in which an odometer does not move while the camera does, as one that has come off.
 
-    It does not where its way from image to image is less than 2 % of what it usually is.
+    It does not where its way from image to image is less than 2 % of what it usually is. The camera may
+    stand, too, where the parallax of two images is less than a pixel or a tenth of what it usually is, and
+    may be beside the axis of a body that turns on the spot where it turns by more than 5° and goes aside.
 
     Parameters
     ----------
@@ -207,7 +219,7 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
         If the stream is of another kind.
     """
     t_s, speeds = speeds_of(stream)
-    told = [(t, travelled_distance(stream, t.start_s, t.end_s)) for t in turns]
+    told = [(t, travelled_distance(stream, t.start_s, t.end_s)) for t in _with_steps(turns)]
     ways = np.array([abs(way) for _, way in told if way is not None])
     pairs = [turn for turn, way in told if way is not None]
     if len(ways) < _FEWEST_PAIRS:
@@ -221,6 +233,22 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
         if end - first >= _FEWEST_PAIRS
     ]
     return tuple(stretch for stretch in found if stretch is not None)
+
+
+def _with_steps(turns: Sequence[Turn]) -> list[Turn]:
+    """Those of the pairs of images that no body which stands or turns on the spot can have made."""
+    known = [turn.parallax_px for turn in turns if not np.isnan(turn.parallax_px)]
+    least_px = max(_LEAST_PARALLAX_PX, _SEEN_SHARE * float(np.median(known))) if known else 0.0
+    stepping = [turn for turn in turns if not turn.parallax_px < least_px]
+    if not stepping:
+        return []
+    turned = so3.log(rotations_of(stepping))
+    is_small = np.linalg.norm(turned, axis=1) < _LARGEST_TURN_RAD
+    # In the axes of the camera amid the pair.
+    ways = np.einsum("nji,nj->ni", so3.exp(0.5 * turned), [turn.direction for turn in stepping])
+    usual = np.nansum(ways[is_small] if is_small.any() else ways, axis=0)
+    is_usual = ways @ usual > np.cos(_LARGEST_ASIDE_RAD) * np.linalg.norm(usual)
+    return [turn for turn, kept in zip(stepping, is_small | is_usual, strict=True) if kept]
 
 
 def _between(stream: SensorStream, moving_s: FloatArray, time_s: float) -> Gap | None:

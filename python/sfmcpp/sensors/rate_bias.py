@@ -27,9 +27,9 @@ _FEWEST, MOST_TURNS = 6, 64
 _SIGMAS = 5.0
 _LEAST_RAD_S = float(np.radians(3.7))
 # No gyroscope has more; rates in a wrong unit do [rad/s].
-_LARGEST_RAD_S = float(np.radians(20.0))
+LARGEST_RAD_S = float(np.radians(20.0))
 # Least standard deviation of the rotations by images [rad].
-_LEAST_ERROR_RAD = 0.001
+LEAST_ERROR_RAD = 0.001
 # A clock offset looks like a bias where the rate changes, and wrong axes do where it does not. The bias must
 # leave at most this share of the errors that the best clock leaves, or that an evenly turning camera leaves …
 _SHARE_OF_OTHERS = 0.5
@@ -38,7 +38,7 @@ _LARGEST_RATIO = 2.0
 # Clock offsets tried [s].
 _OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 # Median length of a vector of three standard normal numbers.
-_MEDIAN_LENGTH = 1.538
+MEDIAN_LENGTH = 1.538
 # Rounds of reweighting.
 _ROUNDS = 6
 
@@ -74,10 +74,10 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s + reach_s)]
     if len(covered) < _FEWEST:
         return None
-    errors, lengths_s = _errors(stream, mounting, covered, np.zeros(1))[0], _durations_s(covered)
+    errors, lengths_s = rotation_errors(stream, mounting, covered, np.zeros(1))[0], durations_s(covered)
     rate, sigma = _rate(errors, lengths_s)
     least = max(_SIGMAS * sigma, _LEAST_RAD_S / np.sqrt(len(covered)))
-    if not least <= np.linalg.norm(rate) <= _LARGEST_RAD_S:
+    if not least <= np.linalg.norm(rate) <= LARGEST_RAD_S:
         return None
     left = _median_norm(errors - lengths_s[:, None] * rate)
     if left > _SHARE_OF_OTHERS * _median_error_of_alternatives(stream, mounting, covered, errors):
@@ -109,11 +109,12 @@ def without_bias(stream: SensorStream, rate_rad_s: FloatArray) -> SensorStream:
     return replace(stream, values=stream.values - rate_rad_s)
 
 
-def _durations_s(turns: Sequence[Turn]) -> FloatArray:
+def durations_s(turns: Sequence[Turn]) -> FloatArray:
+    """Time between both ends of each motion (n,) [s]."""
     return np.array([turn.end_s - turn.start_s for turn in turns])
 
 
-def _errors(
+def rotation_errors(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], offsets: FloatArray
 ) -> FloatArray:
     """Rotation vectors (offsets, n, 3) from the rotations of images to those of the stream [rad]."""
@@ -130,7 +131,7 @@ def _rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]
     rate: FloatArray = np.median(rates, axis=0)
     for _ in range(_ROUNDS):
         left = np.linalg.norm(errors - lengths_s[:, None] * rate, axis=1)
-        scale = max(float(np.median(left)) / _MEDIAN_LENGTH, _LEAST_ERROR_RAD)
+        scale = max(float(np.median(left)) / MEDIAN_LENGTH, LEAST_ERROR_RAD)
         weights = lengths_s**2 / (1 + (left / (2 * scale)) ** 2)
         rate = weights @ rates / weights.sum()
     return rate, float(scale / np.sqrt(weights.sum()))
@@ -144,8 +145,8 @@ def _median_error_of_alternatives(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
 ) -> float:
     """Median error at the best clock offset, or with a camera that turns evenly if that is less [rad]."""
-    by_clocks = float(_median_norm(_errors(stream, mounting, turns, _OFFSETS_S)).min())
-    seen, lengths_s = so3.log(rotations_of(turns)), _durations_s(turns)
+    by_clocks = float(_median_norm(rotation_errors(stream, mounting, turns, _OFFSETS_S)).min())
+    seen, lengths_s = so3.log(rotations_of(turns)), durations_s(turns)
     if _median_norm(errors) > _LARGEST_RATIO * _median_norm(seen):
         return by_clocks
     evenly = seen - lengths_s[:, None] * _rate(seen, lengths_s)[0]

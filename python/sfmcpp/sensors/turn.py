@@ -24,6 +24,9 @@ class Turn:
         Unit vector along the step, in the camera's axes at the start; NaN where it is not known.
     covariance : (3, 3) float64
         Of `direction`; NaN where it is not known.
+    parallax_px : float
+        Motion that the rotation leaves to be explained, the lower quartile of all points [px]: some may move
+        before a camera that stands. NaN where it is not known.
     """
 
     start_s: float
@@ -31,6 +34,7 @@ class Turn:
     rotation: FloatArray
     direction: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
     covariance: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
+    parallax_px: float = np.nan
 
 
 def times_of(turns: Sequence[Turn]) -> FloatArray:

@@ -106,7 +106,9 @@ def _rotation_between_images(
         seed=settings.seed,
     )
     motion = found.camera[:, :3], found.camera[:, 3]
-    return Turn(before.t_s, after.t_s, *motion) if found.success else None
+    if not found.success:
+        return None
+    return Turn(before.t_s, after.t_s, *motion, parallax_px=found.lower_parallax_px)
 
 
 def _renew_constraints(result: SlamResult, sensors: SensorSuite) -> None:

@@ -10,12 +10,15 @@ import numpy as np
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.rigs import composed
-from sfmcpp.sensors import check_bends, check_position_clock
+from sfmcpp.sensors import Turn, check_bends, check_position_clock
 from sfmcpp.sensors.stream import clock_text
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Odometer
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
+
+# Directions of travel in the camera's axes are alike if their mean is so long: about that of 40° of scatter.
+_LEAST_STEADY = 0.75
 
 
 def check_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
@@ -47,7 +50,7 @@ def check_positions(result: SlamResult, sensors: SensorSuite) -> list[str]:
 
 def _position_faults(gps: Gps, seen: Trajectory, path: Trajectory | None, sensors: SensorSuite) -> list[str]:
     bends = check_bends(gps.believed, seen, gps.up_in_camera, gps.likely_sigma_m)
-    if bends.is_mirrored:
+    if bends.is_mirrored and _turns_with_its_way(gps, sensors.turns):
         return [
             f"{gps.name}: where its positions bend most, by {np.degrees(bends.told_rad):.0f}°, the camera "
             f"turns to the other side, by {np.degrees(bends.seen_rad):.0f}°: are x and y, or latitude and "
@@ -62,6 +65,19 @@ def _position_faults(gps: Gps, seen: Trajectory, path: Trajectory | None, sensor
     sensors.move_stamps([gps.name], clock.offset_s)
     told = clock_text(clock.offset_s, clock.sigma_s, "that of odometer and gyroscope")
     return [f"{gps.name}: {told}: {clock.offset_s:.2f} s are to be added to its stamps"]
+
+
+def _turns_with_its_way(gps: Gps, turns: Sequence[Turn]) -> bool:
+    """Whether the camera looks the same way along its path throughout, or this is not known.
+
+    One on a drone turns about itself, and one that goes to and fro does not: its turns say nothing of bends.
+    """
+    known = [turn.direction for turn in turns if not np.isnan(turn.direction).any()]
+    if not known:
+        return True
+    mean = np.mean(known, axis=0)
+    level = mean - (mean @ gps.up_in_camera) * gps.up_in_camera
+    return bool(np.linalg.norm(level) >= _LEAST_STEADY)
 
 
 def _keyframe_rotations(world: WorldMap, sensors: SensorSuite) -> Trajectory:

@@ -8,8 +8,9 @@ from dataclasses import replace
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Slip, without_slip
+from sfmcpp.sensors.rate_drift import RateDrift, without_drift
 from sfmcpp.slam.measurement import MotionSensor
-from sfmcpp.slam.motion_sensors import STAMPED, Gps, Ins, Odometer
+from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.sensor_faults import dead_odometers, misaligned_odometers
 from sfmcpp.slam.sensor_suite import SensorSuite
 
@@ -17,10 +18,10 @@ from sfmcpp.slam.sensor_suite import SensorSuite
 def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[MotionSensor, ...] | None:
     """The sensors as they should have been from the start.
 
-    They are on the camera's clock and mounting, without biases and slips, and without what a sensor of motion
-    measured while the images contradicted it: not at once where a mounting was wrong, as conflicts may come
-    from that. Positions and poses keep all samples: a map drifts off them by itself, and would not return
-    without them.
+    They are on the camera's clock and mounting, without biases, drifts and slips, and without what a sensor
+    of motion measured while the images contradicted it: not at once where a mounting was wrong, as conflicts
+    may come from that. Positions and poses keep all samples: a map drifts off them by itself, and would not
+    return without them.
 
     Parameters
     ----------
@@ -36,15 +37,17 @@ def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[Mo
     """
     sensors.refine_clocks(vision)
     turns = misaligned_odometers(sensors)
-    # A dead, slipping or misaligned odometer bends the map: conflicts then say nothing against sensors.
-    is_bent = turns or sensors.slips
+    # A dead, slipping or misaligned odometer bends the map, and so does a bias that changes: conflicts then
+    # say nothing against sensors.
+    is_bent = turns or sensors.slips or sensors.drifts
     wrong = dead_odometers(sensors, sensors.turns) or ({} if is_bent else _denied_stretches(sensors))
-    if not {*wrong, *turns, *sensors.moved_s, *sensors.biases, *sensors.slips}:
+    if not {*wrong, *turns, *sensors.moved_s, *sensors.biases, *sensors.drifts, *sensors.slips}:
         return None
     kept = []
     for sensor in sensors.sensors:
         name = sensor.name
-        sound = _without_stretches(_without_slip(sensor, sensors.slips.get(name)), wrong.get(name, ()))
+        even = _without_drift(_without_slip(sensor, sensors.slips.get(name)), sensors.drifts.get(name))
+        sound = _without_stretches(even, wrong.get(name, ()))
         if sound is not None:
             kept.append(_with_turned_mounting(sound, turns.get(name)))
     return tuple(kept)
@@ -71,6 +74,12 @@ def _without_slip(sensor: MotionSensor, slip: Slip | None) -> MotionSensor:
     if slip is None or not isinstance(sensor, Odometer):
         return sensor
     return replace(sensor, stream=without_slip(sensor.stream, slip))
+
+
+def _without_drift(sensor: MotionSensor, drift: RateDrift | None) -> MotionSensor:
+    if drift is None or not isinstance(sensor, Gyroscope):
+        return sensor
+    return replace(sensor, stream=without_drift(sensor.stream, drift))
 
 
 def _without_stretches(sensor: MotionSensor, stretches: Sequence[Gap]) -> MotionSensor | None:

@@ -29,6 +29,7 @@ from sfmcpp.sensors import (
     without_leaps,
     without_repeats,
 )
+from sfmcpp.sensors.frozen_speed import frozen_stretches
 from sfmcpp.slam.measurement import Measurement
 
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
@@ -44,8 +45,8 @@ class Odometer:
     constrains the scale ‖c_i − c_{i−1}‖ alone (thesis eq. 5.20), and so do velocities if σ or the mounting
     is not known.
 
-    Where the speed leaps as no vehicle's can and leaps back, it is interpolated between, with a larger
-    standard deviation; where it does not leap back, it has no weight.
+    Where the speed leaps as no vehicle's can and leaps back, or its last value is repeated until it leaps, it
+    is interpolated between, with a larger standard deviation; where it does not leap back, it has no weight.
 
     A scale does not yield to the images: an odometer that yields has no weight for twenty keyframes after one
     at which the map lost its scale; a sudden slip shows in the stream; a slow one is followed by the map
@@ -89,16 +90,28 @@ class Odometer:
         require_not_negative("relative_sigma", self.relative_sigma)
 
     @cached_property
+    def frozen_stretches(self) -> tuple[Gap, ...]:
+        """Where it repeats its last value, which the speed no longer has."""
+        return () if self.stream.kind == "distance" else frozen_stretches(self.stream)
+
+    @cached_property
+    def jumping_stretches(self) -> tuple[Gap, ...]:
+        """Where its speed is one that no vehicle can have driven; a frozen one leaps for another reason."""
+        frozen = self._ended(self.frozen_stretches)
+        return doubtful_stretches(carried_over(self.stream, frozen) if frozen else self.stream)
+
+    @property
     def doubtful_stretches(self) -> tuple[Gap, ...]:
-        """Where its speed is one that no vehicle can have driven."""
-        return doubtful_stretches(self.stream)
+        """Where its speed cannot be right."""
+        return self.frozen_stretches + self.jumping_stretches
 
     @cached_property
     def carried_stretches(self) -> tuple[Gap, ...]:
         """Those of them over which the speed is interpolated, as there is a sound one at their end."""
-        if self.stream.kind == "distance":
-            return ()
-        return tuple(gap for gap in self.doubtful_stretches if gap.end_s <= self.stream.t_s[-1])
+        return () if self.stream.kind == "distance" else self._ended(self.doubtful_stretches)
+
+    def _ended(self, stretches: tuple[Gap, ...]) -> tuple[Gap, ...]:
+        return tuple(gap for gap in stretches if gap.end_s <= self.stream.t_s[-1])
 
     @cached_property
     def _stream_without_leaps(self) -> SensorStream:

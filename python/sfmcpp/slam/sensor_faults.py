@@ -100,9 +100,17 @@ def _steps_and_directions(odometer: Odometer, turns: Sequence[Turn]) -> tuple[Fl
 
 
 def _speed_jumps(odometer: Odometer) -> list[str]:
-    """A sentence for each stretch in which the speed cannot be right; one for all if there are many."""
-    stretches = odometer.doubtful_stretches
-    told = f"stream {odometer.stream.name!r}: the speed jumps by more than a vehicle can; "
+    """A sentence for each stretch in which the speed cannot be right; one for all of a kind if many."""
+    told = f"stream {odometer.stream.name!r}: the speed"
+    frozen = f"{told} repeats its last value and then leaps, as if frozen; "
+    jumps = f"{told} jumps by more than a vehicle can; "
+    return [
+        *_sentences(frozen, odometer.frozen_stretches, odometer),
+        *_sentences(jumps, odometer.jumping_stretches, odometer),
+    ]
+
+
+def _sentences(told: str, stretches: Sequence[Gap], odometer: Odometer) -> list[str]:
     if len(stretches) > _MOST_JUMPS:
         rule = "they are bridged by inertia or get no weight"
         return [f"{told}in {len(stretches)} stretches, first {stretches[0]}, {rule}"]
@@ -120,7 +128,9 @@ def _biased_and_dead(sensors: SensorSuite, turns: Sequence[Turn]) -> list[str]:
     biases = [
         f"{name}: a bias of {np.degrees(np.linalg.norm(rate)):.1f}°/s is removed from its rates"
         for name, rate in sensors.biases.items()
+        if name not in sensors.drifts
     ]
+    biases += [f"{name}: {drift.complaint}" for name, drift in sensors.drifts.items()]
     dead = [
         f"{name}: it does not move for {stretch}, while the images do: is it dead?"
         for name, stretches in dead_odometers(sensors, turns).items()

@@ -23,6 +23,7 @@ from sfmcpp.sensors import (
     without_bias,
     without_spikes,
 )
+from sfmcpp.sensors.rate_drift import RateDrift, find_drift
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
@@ -79,8 +80,9 @@ class SensorSuite:
         self.moved_s: dict[str, float] = {}
         # What was subtracted from the rates of each gyroscope, by name [rad/s].
         self.biases: dict[str, FloatArray] = {}
-        # Slow slips of odometers, by name; known at the end of the run.
+        # Slow slips of odometers and biases that change, by name; known at the end of the run.
         self.slips: dict[str, Slip] = {}
+        self.drifts: dict[str, RateDrift] = {}
         # Motions by pairs of images, in the order of time, and the time of the last image compared [s].
         self.turns: list[Turn] = []
         self.turns_until_s = -np.inf
@@ -258,6 +260,11 @@ class SensorSuite:
             self._apply_corrections()
             self._forget_experience(self.biases.keys() - known.keys())
         return changed
+
+    def find_drifts(self) -> None:
+        """Find gyroscopes whose bias changes, by all pairs of images of the run."""
+        found = {s.name: find_drift(s.stream, s.mounting, self.turns) for s in self.sensors if has_rates(s)}
+        self.drifts = {name: drift for name, drift in found.items() if drift is not None}
 
     def _learn_bias(self, name: str, found: FloatArray | None) -> None:
         known = self.biases.get(name, np.zeros(3))

@@ -201,6 +201,8 @@ class Slam:
         if self.result.world is not None:
             self.result.warnings += [*faults_of_coverage(self._sensors, times[0], times[-1]), *unscaled]
         if len(self.result.poses) > 1:
+            if self.settings.trusts_declared:
+                self._sensors.find_drifts()
             self.result.warnings += faults_of_run(self._sensors, self.result.seen_trajectory())
         self.result.warnings += check_positions(self.result, self._sensors)
         self.result.warnings += check_odometers(self.result, self._sensors, self.settings)

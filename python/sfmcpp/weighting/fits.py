@@ -235,11 +235,27 @@ def _without_fixed_members(group: Group, problem: Problem) -> Group:
     moved = np.zeros(group.num_members, dtype=np.bool_)
     if group.cameras is not None:
         poses_matter = isinstance(group, ResidualGroup) or CONSTRAINT_KINDS[group.kind].on_poses
-        held = problem.fixed_cameras & poses_matter
-        moved |= _has_free_entity(group.cameras, problem.camera_index, held)
+        held = _is_held(problem) & poses_matter
+        moved |= _has_free_entity(group.cameras, _with_observed_frames(problem), held)
     if isinstance(group, ResidualGroup) and group.points is not None:
         moved |= _has_free_entity(group.points, problem.point_index, problem.fixed_points)
     return _group_of_members(group, moved)
+
+
+def _is_held(problem: Problem) -> BoolArray:
+    """(C,) whether cameras are fixed; with a free sensor the frame is, and they move in it."""
+    rigs = problem.rigs
+    if rigs is None:
+        return problem.fixed_cameras
+    return np.asarray(problem.fixed_cameras & ~rigs.free_sensors[rigs.sensor_of_camera])
+
+
+def _with_observed_frames(problem: Problem) -> IndexArray:
+    """Cameras that observe something, and those of a rig that move with one; some are there several times."""
+    if problem.rigs is None:
+        return problem.camera_index
+    frames = problem.rigs.frame_of_camera
+    return np.flatnonzero(np.isin(frames, frames[problem.camera_index])).astype(np.int32)
 
 
 def _has_free_entity(members: IndexArray, seen: IndexArray, held: BoolArray) -> BoolArray:

@@ -48,6 +48,42 @@ def test_what_was_not_measured_is_no_acceleration() -> None:
     require_agreement([speed, rates])
 
 
+def test_a_body_that_spins_while_it_flies_straight_on_is_possible() -> None:
+    """A drone at 10 m/s that turns about itself at 240°/s: nothing pushes it across, unless the other way."""
+    t_s = np.arange(0.0, 20.0, 0.04)
+    spin = np.radians(240.0) * np.exp(-(((t_s - 10.0) / 2.0) ** 2))
+    heading = np.cumsum(spin) * 0.04
+    flown = 10.0 * np.stack([np.cos(heading), -np.sin(heading), 0 * t_s], axis=1)
+    velocity = SensorStream(t_s, flown, "velocity")
+    rates = SensorStream(t_s, spin[:, None] * [0.0, 0.0, 1.0], "angular_rate")
+    require_agreement([velocity, rates])
+    with pytest.raises(InvalidArgument, match="across for a second"):
+        require_agreement([velocity, times(rates, -1.0)])
+
+
+@pytest.mark.parametrize("kind", ["orientation", "pose"])
+def test_more_than_half_a_turn_between_two_orientations_is_counted(kind: str) -> None:
+    """A body that spins at 150°/s turns by 300° in two seconds; its orientations are 60° apart."""
+    t_s = np.arange(0.0, SECONDS, 0.05)
+    spin = np.radians(150.0) * t_s[:, None] * [0.0, 0.0, 1.0]
+    turned = Rotation.from_rotvec(spin).as_rotvec()
+    values = turned if kind == "orientation" else np.hstack([0 * turned, turned])
+    rates = SensorStream(t_s, np.tile([0.0, 0.0, np.radians(150.0)], (len(t_s), 1)), "angular_rate")
+    require_agreement([rates, SensorStream(t_s, values, kind)])
+    with pytest.raises(InvalidArgument, match="times those of stream"):
+        require_agreement([times(rates, 1 / 57.3), SensorStream(t_s, values, kind)])
+
+
+@pytest.mark.parametrize("kind", ["speed", "velocity"])
+def test_a_motorcycle_that_leans_over_is_possible(kind: str) -> None:
+    """From one side to the other at 45°/s and 20 m/s."""
+    t_s = np.arange(0.0, 20.0, 0.04)
+    lean = np.where((t_s > 8.0) & (t_s < 10.0), np.radians(45.0), 0.0)
+    ahead = np.full((len(t_s), 1), 20.0)
+    speed = SensorStream(t_s, ahead if kind == "speed" else ahead * [1.0, 0.0, 0.0], kind)
+    require_agreement([speed, SensorStream(t_s, lean[:, None] * [1.0, 0.0, 0.0], "angular_rate")])
+
+
 def test_streams_of_one_motion_agree() -> None:
     require_agreement(round_trip().values())
 

@@ -87,3 +87,31 @@ def test_without_directions_an_odometer_tells_the_distance_of_the_camera(odomete
 def test_nothing_is_told_where_nothing_is_measured() -> None:
     assert camera_displacement(streams()[0], 5.0, 6.0, AHEAD, np.eye(3)) is None
     assert Odometer(streams()[0], mounting=AHEAD).measure(5.0, 6.0, np.eye(3), np.eye(3)) is None
+
+
+def step_of(velocities: np.ndarray, t_s: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    stream = SensorStream(t_s, velocities, "velocity")
+    found = camera_displacement(stream, 0.0, 1.0, Mounting(np.eye(3), np.zeros(3)), turn)
+    assert found is not None
+    return found
+
+
+def test_a_body_that_goes_to_and_fro_gets_nowhere() -> None:
+    """Its way was taken for its step, forwards or backwards."""
+    t_s = np.linspace(0.0, 1.0, 51)
+    ahead = np.sin(2 * np.pi * t_s)[:, None] * [1.0, 0.0, 0.0]
+    assert step_of(ahead, t_s, np.eye(3)) == pytest.approx(np.zeros(3), abs=1e-6)
+
+
+def test_a_walker_who_bobs_gets_as_far_as_without() -> None:
+    t_s = np.linspace(0.0, 1.0, 51)
+    bobbing = np.column_stack([np.full(51, 1.3), np.zeros(51), 0.4 * np.cos(4 * np.pi * t_s)])
+    assert step_of(bobbing, t_s, np.eye(3)) == pytest.approx([1.3, 0.0, 0.0], abs=1e-3)
+
+
+def test_a_drone_that_spins_goes_straight_on() -> None:
+    t_s = np.linspace(0.0, 1.0, 51)
+    turns = Rotation.from_rotvec(np.radians(100.0) * t_s[:, None] * [0.0, 0.0, 1.0])
+    velocities = turns.inv().apply([4.0, 1.0, 0.5])
+    found = step_of(velocities, t_s, turns[-1].as_matrix())
+    assert found == pytest.approx([4.0, 1.0, 0.5], rel=1e-3)

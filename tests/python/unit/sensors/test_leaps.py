@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sfmcpp import InvalidArgument
+from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Turn, carried_over, dead_stretches, doubtful_stretches, travelled_distance
 
@@ -233,6 +234,36 @@ def test_an_odometer_that_rocks_between_images_or_is_asked_over_unlike_times_is_
     short = [Turn(a, a + 0.01, np.eye(3)) for a in np.arange(0, 10, 0.1)]
     long = [Turn(a, a + 1.0, np.eye(3)) for a in np.arange(11.0, 30.0)]
     assert dead_stretches(stream_of(t_s, np.full(len(t_s), 10.0)), [*short, *long]) == ()
+
+
+def test_an_odometer_of_a_body_that_stands_or_hovers_is_not_dead() -> None:
+    """Images of a camera that stands show the parallax of their noise, now and then as a step."""
+    t_s = np.arange(0, 40, 0.1)
+    speeds = np.where((t_s > 15) & (t_s < 25), 0.01, 4.0)
+
+    def steps(resting_px: float) -> list[Turn]:
+        parallax = [resting_px if 15 <= a < 25 else 9.0 for a in range(39)]
+        return [Turn(a, a + 1.0, np.eye(3), parallax_px=px) for a, px in enumerate(parallax)]
+
+    assert dead_stretches(stream_of(t_s, speeds), steps(0.5)) == ()
+    (dead,) = dead_stretches(stream_of(t_s, speeds), steps(5.0))
+    assert dead.end_s - dead.start_s == pytest.approx(10.0, abs=0.3)
+
+
+def test_an_odometer_of_a_body_that_turns_on_the_spot_is_not_dead() -> None:
+    """A camera before the axis moves aside then, and its images show steps; in a bend it moves ahead."""
+    t_s = np.arange(0, 40, 0.1)
+    speeds = np.where((t_s > 15) & (t_s < 25), 0.0, 0.5)
+    turn = so3.exp(np.radians([0.0, 20.0, 0.0]))
+    ahead, aside = np.array([0.0, 0.0, 1.0]), turn[:, 2] - [0.0, 0.0, 1.0]
+
+    def steps(direction: np.ndarray) -> list[Turn]:
+        straight = [Turn(a, a + 1.0, np.eye(3), ahead, parallax_px=9.0) for a in range(39)]
+        turned = [Turn(a, a + 1.0, turn, direction, parallax_px=9.0) for a in range(39)]
+        return straight[:15] + turned[15:25] + straight[25:]
+
+    assert dead_stretches(stream_of(t_s, speeds), steps(aside / np.linalg.norm(aside))) == ()
+    assert len(dead_stretches(stream_of(t_s, speeds), steps(ahead))) == 1
 
 
 def test_distances_are_not_carried() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import Mounting, pose_stream_values
+from sfmcpp.sensors import Mounting, Turn, pose_stream_values
 from sfmcpp.slam import Gps, Gyroscope, MotionSensor, Odometer, SlamResult, TrackSequence, run_slam
-from sfmcpp.slam.check_positions import _dead_reckoned_path
+from sfmcpp.slam.check_positions import _dead_reckoned_path, check_positions
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.sources.synthetic import SyntheticDrive, vehicle_drive
 from sfmcpp.study.evaluation import evaluate
@@ -83,3 +83,19 @@ def test_a_clock_that_is_off_is_told_and_set_right_beside_odometer_and_gyroscope
     assert "the run was begun again without what was wrong" in late.warnings
     # With that clock as it is 0.85 m, with the right one 0.14.
     assert error_m(late) < 0.3
+
+
+def test_a_camera_that_turns_about_itself_says_nothing_of_swapped_axes() -> None:
+    """As on a drone: its turns do not tell to which side the way bends."""
+    _, gyro = of_motion()
+    result = run(mirrored(), gyro)
+    suite = SensorSuite([mirrored(), gyro])
+    around = np.radians(np.linspace(0.0, 360.0, 40))
+    ahead = [Turn(k, k + 1.0, np.eye(3), np.array([0.1, 0.0, 1.0])) for k in range(40)]
+    spinning = [
+        Turn(k, k + 1.0, np.eye(3), np.array([np.sin(a), 0.0, np.cos(a)])) for k, a in enumerate(around)
+    ]
+    suite.turns = ahead
+    assert any("other side" in told for told in check_positions(result, suite))
+    suite.turns = spinning
+    assert not any("other side" in told for told in check_positions(result, suite))
