@@ -54,6 +54,42 @@ TEST_F(ChangingSolver, HandsOverToADirectOneWhereStepsTakeManyIterations) {
   EXPECT_EQ(solver->changes().size(), 1u);
 }
 
+TEST_F(ChangingSolver, CutsAStepShortThatCostsMoreThanThoseOfAnother) {
+  const RandomSystem row{{.name = "three see each", .cameras = 40, .points = 200, .window = 3}};
+  const LinearSolverOptions options{.pcg_tolerance = 1e-14};
+  const auto iterations = [&](const LinearSolverChoice& choice) {
+    const auto solver = make_chosen_solver(row.normal(), options, choice);
+    solve(*solver);
+    return solver->iterations_of_solves().at(0);
+  };
+  EXPECT_GT(iterations(choice(1e3)), 20) << "there is no memory for another";
+  EXPECT_EQ(iterations(choice(1e12)), 20) << "the fewest, where another costs next to nothing";
+}
+
+TEST_F(ChangingSolver, HasNoFactorsOfAStepThatAnotherHasMade) {
+  const auto solver = make(1e-14);
+  EXPECT_FALSE(solver->can_solve_again(Unknowns::kAll));
+  solve(*solver);
+  ASSERT_EQ(solver->changes().size(), 1u);
+  for (Unknowns unknowns : {Unknowns::kAll, Unknowns::kPoints})
+    EXPECT_FALSE(solver->can_solve_again(unknowns));
+  solve(*solver);
+  for (Unknowns unknowns : {Unknowns::kAll, Unknowns::kPoints})
+    EXPECT_TRUE(solver->can_solve_again(unknowns));
+}
+
+// A few iterations with few blocks are cheaper than a dense factor.
+TEST_F(ChangingSolver, StaysWhereAnotherWouldCostMore) {
+  LinearSolverChoice loose = choice(1e12);
+  loose.with_blocks = true;
+  loose.counts.cameras = 50;
+  loose.counts.columns = 300;
+  loose.counts.blocks = 100;
+  const auto solver = make_chosen_solver(system_.normal(), {.pcg_tolerance = 1e-2}, loose);
+  for (int k = 0; k < 3; ++k) solve(*solver);
+  EXPECT_TRUE(solver->changes().empty());
+}
+
 TEST_F(ChangingSolver, GoesOnWithTheSameBitsFromTheIterationsOfItsSolves) {
   for (double tolerance : {1e-14, 1e-2}) {
     const auto solver = make(tolerance);

@@ -1,5 +1,10 @@
 #include "sfmcpp/optim/geodesic_acceleration.hpp"
 
+#include <array>
+#include <cmath>
+#include <span>
+#include <vector>
+
 #include <gtest/gtest.h>
 
 #include "sfmcpp/optim/minimizer.hpp"
@@ -50,6 +55,65 @@ class AcceleratedMinimiser : public testing::TestWithParam<CameraModelId> {
     return 1000;
   }
 };
+
+double squared_length(std::span<const double> x, std::span<const double> diagonal) {
+  double sum = 0.0;
+  for (std::size_t k = 0; k < x.size(); ++k) sum += x[k] * x[k] * diagonal[k];
+  return sum;
+}
+
+// √(½ a / v) in the norm of JᵀJ's diagonal.
+double half_acceleration(std::span<const double> step,
+                         std::span<const double> bent,
+                         std::span<const double> diagonal) {
+  std::vector<double> difference(bent.begin(), bent.end());
+  for (std::size_t k = 0; k < step.size(); ++k) difference[k] -= step[k];
+  return std::sqrt(squared_length(difference, diagonal) / squared_length(step, diagonal));
+}
+
+// Of steps that are long enough for some to bend by more than they move, and for some to do not.
+TEST_P(AcceleratedMinimiser, NoPointAndNoCameraIsAcceleratedByMoreThanAShareOfItsStep) {
+  constexpr double kMost = 0.35;
+  support::LinearizedProblem work{make_circle_scene(exact())};
+  const auto solver = linear::make_linear_solver(work.normal(), {linear::LinearSolverKind::kDense});
+  linear::Step step;
+  const linear::Damping damping{1e-6, linear::DampingMatrix::kDiagonal};
+  ASSERT_TRUE(solver->solve(damping, step, [] { return false; }).success);
+  const std::vector<double> diagonal =
+      work.normal().camera_damping({1.0, linear::DampingMatrix::kDiagonal});
+  GeodesicAcceleration acceleration(with(Acceleration::kGeodesic));
+  std::array<int, 2> points{}, cameras{};  // that bend less, and as much as they may
+  const auto examine = [&](double share, std::array<int, 2>& counts) {
+    EXPECT_LE(share, kMost * (1.0 + 1e-9));
+    ++counts[share > kMost * (1.0 - 1e-9)];
+  };
+  for (double longer : {1.0, 100.0}) {
+    linear::Step longer_step = step;
+    for (auto* numbers : {&longer_step.camera, &longer_step.point})
+      for (double& x : *numbers) x *= longer;
+    const linear::Step* bent = acceleration.bend(work.model, *solver, work.state, longer_step);
+    ASSERT_NE(bent, nullptr);
+    for (int p = 0; p < work.graph.num_points; ++p) {
+      const auto at = 3 * static_cast<std::size_t>(p);
+      examine(half_acceleration(std::span(longer_step.point).subspan(at, 3),
+                                std::span(bent->point).subspan(at, 3),
+                                work.normal().point_block(p).diagonal()),
+              points);
+    }
+    for (int block = 0; block < work.map.num_blocks(); ++block) {
+      const auto at = static_cast<std::size_t>(work.map.block_begin[block]);
+      const auto size = static_cast<std::size_t>(work.map.block_begin[block + 1]) - at;
+      examine(half_acceleration(std::span(longer_step.camera).subspan(at, size),
+                                std::span(bent->camera).subspan(at, size),
+                                std::span(diagonal).subspan(at, size)),
+              cameras);
+    }
+  }
+  for (const std::array<int, 2>& counts : {points, cameras}) {
+    EXPECT_GT(counts[0], 0);
+    EXPECT_GT(counts[1], 0);
+  }
+}
 
 TEST_P(AcceleratedMinimiser, ComesToTheExactSolutionInNoMoreSteps) {
   const int straight = steps(run(Acceleration::kNone));

@@ -3,10 +3,13 @@
 #include <numbers>
 #include <string>
 
+#include <Eigen/QR>
 #include <gtest/gtest.h>
 
+#include "sfmcpp/residuals/constraint_set.hpp"
 #include "sfmcpp/residuals/pose_constraints.hpp"
 #include "support/constraint_setting.hpp"
+#include "support/enumerators.hpp"
 
 namespace sfmcpp::constraint_limits_test {
 namespace {
@@ -24,6 +27,30 @@ using support::numeric;
 using support::pose_of;
 using Kind = residuals::ConstraintKind;
 using Setting = support::ConstraintSetting;
+
+// What counts against unknowns is not how many numbers are compared, but what they can tell where
+// they agree: a pose like the one before tells six numbers, not twelve.
+TEST(NumEquations, AreTheRankOfTheJacobian) {
+  for (Kind kind : support::all_enumerators<Kind>()) {
+    if (!facts_of(kind).is_on_poses()) continue;
+    for (std::size_t images : {1, 2, 7}) {
+      Setting s(kind);
+      s.points.resize(3 * images);
+      s.constraint.points = s.points;
+      if (kind == Kind::kSmoothing || kind == Kind::kSmoothingReprojections) s.previous = s.pose;
+      if (kind == Kind::kOrientationReprojections)
+        s.constraint.rotation = matrix_of(s.pose).topLeftCorner<3, 3>();
+      const Jacobians a = analytic(s);
+      Eigen::MatrixXd both(a.by_pose.rows(), 12);
+      both << a.by_pose, a.by_previous;
+      const residuals::ConstraintGroup group{.name = "group", .kind = kind};
+      const residuals::ConstraintMember member{.points = s.points};
+      EXPECT_EQ(residuals::num_equations(group, member),
+                Eigen::ColPivHouseholderQR<Eigen::MatrixXd>(both).setThreshold(1e-9).rank())
+          << enum_name(kind) << ", " << images << " points";
+    }
+  }
+}
 
 TEST(ScaleConstraint, HasNoSlopeWhereTheCentresCoincide) {
   Setting s(Kind::kScale);

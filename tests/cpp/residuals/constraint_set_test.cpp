@@ -92,6 +92,16 @@ TEST_P(ConstraintSetOf, SetWeightIsAsIfTheGroupHadBeenMadeWithIt) {
   EXPECT_EQ(set.cost(cameras()), costs[0] + costs[1]);
 }
 
+TEST_P(ConstraintSetOf, AMemberIsActiveIfItHasAWeightInAGroupThatHasOne) {
+  ConstraintGroup g = group();
+  EXPECT_TRUE(is_active(g, g.members[0]));
+  g.members[1].weight = 0.0;
+  EXPECT_FALSE(is_active(g, g.members[1]));
+  EXPECT_TRUE(is_active(g, g.members[0]));
+  g.weight = 0.0;
+  EXPECT_FALSE(is_active(g, g.members[0]));
+}
+
 TEST_P(ConstraintSetOf, WithoutWeightAConstraintThatIsNotFiniteCostsNothing) {
   ConstraintSet set;
   set.add(group());
@@ -203,6 +213,9 @@ TEST_F(RefusedConstraint, MeasurementsThatCannotBeOneAreNamed) {
   expect_refused(
       [&] { add(Kind::kSmoothingReprojections, [](auto& g) { g.members[0].points.clear(); }); },
       {"constraints['smoothing-reprojections'][0].points"});
+  expect_refused(
+      [&] { add(Kind::kSmoothingReprojections, [](auto& g) { g.members[1].points.pop_back(); }); },
+      {"constraints['smoothing-reprojections'][1].points: must have three numbers for each"});
   expect_refused([&] { add(Kind::kFocal, [](auto& g) { g.members[0].intrinsics[0] = 0.0; }); },
                  {"constraints['focal'][0] = 0.000000: a focal length must be positive"});
   expect_refused(

@@ -145,7 +145,7 @@ std::vector<int> constrained_intrinsics(ConstraintKind kind, const CameraModel& 
 // What the member measured, ready to be evaluated or validated; views its points.
 PoseConstraint measurement_of(const ConstraintMember& member);
 
-// Rank of the Jacobian at most.
+// Rank of the Jacobian, where the constraint is fulfilled.
 int num_equations(const ConstraintGroup& group, const ConstraintMember& member);
 
 // Whether it is on poses, or points; else on intrinsics.
