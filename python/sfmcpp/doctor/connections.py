@@ -160,7 +160,6 @@ def _rigid_groups(case: Case) -> NDArray[np.int64]:
     while True:
         strong = common.copy()
         strong.data = strong.data * (strong.data >= POINTS_TO_TELL_AN_OUTLIER)
-        strong.setdiag(0)
         strong.eliminate_zeros()
         count, joined = connected_components(strong, directed=False)
         if count == len(joined):

@@ -106,8 +106,6 @@ def group(**changes: Any) -> ConstraintGroup:
         ),
         (lambda: image_tracks([0], [0], [[1, 2]], sizes=RAGGED), "sizes = .*: must be an array of numbers"),
         (lambda: SensorStream([0, 1], RAGGED, "velocity"), "must be an array of numbers"),
-        (lambda: SensorStream([0, 1], RAGGED, "speed"), "must be an array of numbers"),
-        (lambda: View([0, 1], RAGGED), "view.pixels = .*must be an array of numbers"),
         (lambda: SlamSettings(window=math.nan), "window = nan: must be a whole number"),  # type: ignore[arg-type]
         (lambda: SlamSettings(window=2.5), "window = 2.5: must be a whole number"),  # type: ignore[arg-type]
         (lambda: SlamSettings(window=None), "window = None: must be a whole number"),  # type: ignore[arg-type]
@@ -236,3 +234,10 @@ def test_no_metadata_are_empty_ones() -> None:
     problem = made(metadata=None)
     assert problem.metadata.names(1) == ["image_000001"]
     assert made(metadata=None).metadata is not problem.metadata
+
+
+def test_ragged_rows_are_named_where_a_row_of_numbers_would_do() -> None:
+    with pytest.raises(InvalidArgument, match="must be an array of numbers"):
+        SensorStream([0, 1], RAGGED, "speed")
+    with pytest.raises(InvalidArgument, match=r"view.pixels = .*must be an array of numbers"):
+        View([0, 1], RAGGED)
