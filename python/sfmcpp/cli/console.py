@@ -57,11 +57,12 @@ def print_result(text: str) -> None:
 
 
 def print_note(message: str) -> None:
-    """Write exactly one line to stderr, if there is one."""
+    """Write exactly one line to stderr, if there is one; it has no colours but those of a hostile file."""
     if sys.stderr is None:
         return
+    line = printable("\\n".join(message.splitlines())).replace("\x1b", "\\x1b")
     try:
-        print("sfmcpp: " + printable("\\n".join(message.splitlines())), file=sys.stderr, flush=True)
+        print(f"sfmcpp: {line}", file=sys.stderr, flush=True)
     except OSError:  # the exit code tells
         discard_output(sys.stderr)
 

@@ -315,7 +315,8 @@ Group: TypeAlias = ConstraintGroup | ResidualGroup
 
 def checked_groups(groups: Iterable[object]) -> list[Group]:
     """All groups of a solve, each valid now; InvalidArgument if one is not, or is no group."""
-    if not isinstance(groups, Iterable) or (isinstance(groups, np.ndarray) and not groups.ndim):
+    is_scalar = getattr(groups, "ndim", 1) == 0  # an array that cannot be looped over
+    if is_scalar or not isinstance(groups, Iterable):
         found = reprlib.repr(groups)  # a group holds all its cameras
         raise InvalidArgument(f"constraints = {found}: must be a sequence of groups, such as [group]")
     checked: list[Group] = []

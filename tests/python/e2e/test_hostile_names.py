@@ -48,6 +48,13 @@ def test_names_in_pages_are_text(tmp_path: Path, name: str) -> None:
     assert page.texts["title"] == name
 
 
+def test_a_terminal_is_told_no_colours_by_files(tmp_path: Path) -> None:
+    (tmp_path / "hidden.txt").write_text("1 1 1\n0 0 \x1b[8mhidden 2\n")
+    result = run_here("info", tmp_path / "hidden.txt")
+    assert result.returncode == 2
+    assert "hidden.txt:2: '\\x1b[8mhidden' is not a finite number" in result.stderr
+
+
 def test_a_terminal_is_told_nothing_by_names(tmp_path: Path) -> None:
     source = write_noisy_circle(tmp_path)
     hostile = source.rename(tmp_path / "\x1b]0;owned\x1b[2J\u202egnp.npz")

@@ -13,6 +13,7 @@ from xml.parsers import expat
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
+from sfmcpp.sources.io.number_text import number_of
 
 DOCUMENTS = (".yaml", ".yml", ".xml")
 _LARGEST_BYTES = 1 << 20
@@ -67,10 +68,7 @@ class Node:
         return DatasetError(self.path, reason, self.line)
 
     def _number(self, word: str) -> float:
-        try:
-            number = float(word)
-        except ValueError:
-            number = math.nan
+        number = number_of(word)
         if not math.isfinite(number):
             raise self.error(f"{word[:40]!r} is not a finite number")
         return number

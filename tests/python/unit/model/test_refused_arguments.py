@@ -64,7 +64,6 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: group(values=np.ma.masked_all((1, 3))), "values: 3 entries are masked"),
         (lambda: made(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: made(fixed_cameras=RAGGED), "fixed_cameras = .*: must be an array of numbers"),
-        (lambda: made(metadata={}), r"metadata = \{\}: must be Metadata or None"),
         (lambda: made(fixed_points=[]), r"fixed_points: .*\(0,\), must be \(30\)|cannot be used as bool"),
         (
             lambda: scene().with_observations(np.ones(3, bool)),
@@ -122,6 +121,7 @@ PHOTO = np.zeros((70, 80, 3), np.uint8)
 @pytest.mark.parametrize(
     ("call", "told"),
     [
+        (lambda: made(metadata={}), r"metadata = \{\}: must be Metadata or None"),
         (lambda: sfmcpp.diagnose(scene(), summary=3), "summary = 3: must be a Summary"),
         (
             lambda: sfmcpp.diagnose(scene(), constraints=np.array(3)),

@@ -109,6 +109,7 @@ def test_the_camera_of_euroc_lies_one_folder_above_its_images(tmp_path: Path) ->
     ("name", "text", "told"),
     [
         ("c.yaml", OPENCV.replace("367.", "x"), "c.yaml:8: 'x' is not a finite number"),
+        ("c.yaml", OPENCV.replace("367.", "36_7."), "c.yaml:8: '36_7.' is not a finite number"),
         ("c.yaml", OPENCV.replace("367., ", ""), "c.yaml:4: holds 8 numbers: must be 9"),
         ("c.yaml", OPENCV.replace("457.", "-457."), "c.yaml:4: the calibration matrix is"),
         ("c.yaml", OPENCV.replace("0.01 ]", "0, 0.1, 0, 0 ]"), "distortion of 8 coefficients: must be"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -11,11 +12,14 @@ from typing import Protocol, TypeVar
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.colmap.binary import Records
 from sfmcpp.sources.io.colmap.text import is_comment, read_lines
+from sfmcpp.sources.io.number_text import number_of
 
 TEXT_FILES, BINARY_FILES = ("rigs.txt", "frames.txt"), ("rigs.bin", "frames.bin")
 CAMERA = "CAMERA"
 _KINDS = {0: CAMERA, 1: "IMU"}
 _NUMBER_OF_KIND = {name: number for number, name in _KINDS.items()}
+# Digits of a number, and letters of a wrong word that a message tells, at most.
+_MOST_DIGITS, _LONGEST_QUOTE = 20, 40
 _COUNT, _NUMBER, _WIDE = struct.Struct("<Q"), struct.Struct("<I"), struct.Struct("<Q")
 _KIND, _FLAG, _POSE = struct.Struct("<i"), struct.Struct("<B"), struct.Struct("<7d")
 
@@ -113,7 +117,7 @@ class _Words:
     """The fields of a line of text."""
 
     def __init__(self, line: bytes) -> None:
-        self._words = line.decode("ascii").split()[::-1]
+        self._words = line.decode("ascii", "backslashreplace").split()[::-1]
 
     def kind(self) -> str:
         if not self._words:
@@ -130,12 +134,19 @@ class _Words:
 
     def _whole(self, end: int) -> int:
         word = self.kind()
-        if not 0 <= (value := int(word)) < end:
-            raise ValueError(f"{word} must be a whole number from 0 to {end - 1}")
+        value = int(word) if word.isdecimal() and len(word) <= _MOST_DIGITS else -1
+        if not 0 <= value < end:
+            raise ValueError(f"{word[:_LONGEST_QUOTE]} must be a whole number from 0 to {end - 1}")
         return value
 
     def pose(self) -> Pose:
-        return tuple(float(self.kind()) for _ in _IDENTITY)
+        return tuple(self._finite() for _ in _IDENTITY)
+
+    def _finite(self) -> float:
+        word = self.kind()
+        if not math.isfinite(number := number_of(word)):
+            raise ValueError(f"{word[:_LONGEST_QUOTE]} is not a finite number")
+        return number
 
     def require_end(self) -> None:
         if self._words:

@@ -54,7 +54,10 @@ def rig_model(folder: Path) -> Path:
         ("frames.txt", "CAMERA 2 5", "CAMERA 7 5", "frame 2: camera 7 is none of rig 1"),
         ("frames.txt", "3 CAMERA 1 4 CAMERA 2 5", "2 CAMERA 1 4", "image 5|no frame of frames.txt"),
         ("frames.txt", "CAMERA 2 5", "CAMERA 2 2", "frame 2: image 2 is in another frame too"),
-        ("frames.txt", "\n2 1 ", "\n2 1 nan ", "frames.txt"),
+        ("frames.txt", "\n2 1 ", "\n2 1 nan ", "frames.txt:.*nan is not a finite number"),
+        ("frames.txt", "\n2 1 ", "\n2 1 0_1 ", "frames.txt:.*0_1 is not a finite number"),
+        ("frames.txt", "\n2 1 ", "\n2 1_0 ", "frames.txt:.*1_0 must be a whole number from 0"),
+        ("rigs.txt", "CAMERA 3 1", "CAMERA 3.5 1", "rigs.txt:2: .*3.5 must be a whole number from 0"),
     ],
 )
 def test_rigs_that_contradict_themselves_are_refused_by_name(
