@@ -38,7 +38,8 @@ def turn_sigmas_deg(centres: FloatArray, weights: FloatArray, sigma_m: float) ->
     moved = np.cross(np.eye(3)[None], around[:, None])  # by a turn about each axis
     held = np.linalg.eigvalsh(np.einsum("nka,na,nla->kl", moved, weights, moved))
     sigmas = np.full(3, np.inf)
-    return np.degrees(np.divide(sigma_m, np.sqrt(np.maximum(held, 0)), out=sigmas, where=held > 0))
+    np.divide(sigma_m, np.sqrt(np.maximum(held, 0)), out=sigmas, where=held > 0)
+    return np.asarray(np.degrees(sigmas))
 
 
 def turn_warning(centres: FloatArray, sigmas_deg: FloatArray, sigma_m: float) -> list[str]:
