@@ -26,7 +26,6 @@ from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, shaped_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.model.selection import observing_cameras
-from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, hold_of_few_images
 from sfmcpp.sfm.fit_statistics import cost_variance, linear_model, pixel_variance
 from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
@@ -41,7 +40,7 @@ from sfmcpp.sfm.position_checks import (
     undecidable_positions,
     warnings_of_all,
 )
-from sfmcpp.sfm.positions import Positions, local_positions, require_no_line
+from sfmcpp.sfm.positions import Positions, local_positions, require_enough_of_model, require_no_line
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.stops import heed_stop
@@ -254,7 +253,7 @@ class _Georeferencing:
         self._blind = [names[image] for image in np.flatnonzero(positions.known & ~sees)]
         self._stated = positions.of(self._images)
         self._names, self._of_positions = names, [names[image] for image in self._images]
-        _require_enough(self._stated.metres)
+        require_enough_of_model(self._stated.metres)
 
     def run(
         self, options: dict[str, Any], loss_scale_px: float, moved: _Moved, limit: TimeLimit
@@ -343,13 +342,6 @@ def _see_points(problem: Problem) -> BoolArray:
         return sees
     frames = problem.rigs.frame_of_camera
     return np.isin(frames, frames[sees])
-
-
-def _require_enough(metres: FloatArray) -> None:
-    if len(metres) < LEAST_POSITIONS:
-        raise InvalidArgument(
-            f"gps: {len(metres)} images of the model have a position, {LEAST_POSITIONS} are needed"
-        )
 
 
 def _fitted_similarity(centres: FloatArray, metres: FloatArray, weights: FloatArray) -> Similarity:

@@ -21,6 +21,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.positions import Positions
+from sfmcpp.sfm.turns_about_lines import OPEN_DEG, turn_sigmas_deg, turn_warning
 from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 
 # Below it a coordinate counts as not checked; Förstner's usual bound.
@@ -318,9 +319,12 @@ def warnings_of_all(
     """
     metres = positions.metres
     warnings = [_UNREAD.format(", ".join(positions.unread))] if positions.unread else []
-    if positions.geodetic:
-        warnings += doubt_of_radians(positions.origin, metres)
-    if swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed):
+    turns = turn_sigmas_deg(centres, positions.member_weights, sigma_m)
+    if radians := doubt_of_radians(positions.origin, metres) if positions.geodetic else []:
+        warnings += radians
+    else:
+        warnings += turn_warning(centres, turns, sigma_m)
+    if turns[0] <= OPEN_DEG and (swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed)):
         warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
     if shifted := _evidence_in_any_order(centres, metres, names, seed):
         warnings.append(f"rows of the positions are those of other images: {shifted}")

@@ -353,6 +353,14 @@ def _enough_positions(positions: Positions) -> Positions:
     return positions
 
 
+def require_enough_of_model(metres: FloatArray) -> None:
+    """Raise InvalidArgument if positions (n, 3) of the images of a model are too few."""
+    if len(metres) < LEAST_POSITIONS:
+        raise InvalidArgument(
+            f"gps: {len(metres)} images of the model have a position, {LEAST_POSITIONS} are needed"
+        )
+
+
 def is_on_a_line(metres: FloatArray) -> bool:
     """Whether positions (n, 3) leave a model free to turn about a line."""
     spread = np.linalg.svd(metres - np.median(metres, axis=0), compute_uv=False)
@@ -364,7 +372,8 @@ def require_no_line(metres: FloatArray, wrong: list[str]) -> None:
     if is_on_a_line(metres):
         but = f" but for those that disagree ({', '.join(wrong[:3])})" if wrong else ""
         raise InvalidArgument(
-            f"gps: the positions{but} lie on a line, which leaves the model free to turn round it"
+            f"gps: the positions{but} lie on a line, which leaves the model free to turn round it: positions "
+            "or control points (--gcp) off the line hold it"
         )
 
 

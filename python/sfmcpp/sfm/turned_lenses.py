@@ -7,6 +7,7 @@ like a scene in depth. Rays are free of that: one lens makes those of all pairs 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -64,7 +65,7 @@ def _descend(worse: Callable[[FloatArray], float], start: FloatArray) -> FloatAr
     from scipy.optimize import minimize
 
     steps = np.vstack([np.zeros(len(start)), np.diag(_FIRST_STEPS[: len(start)])])
-    options = {
+    options: Any = {
         "initial_simplex": start + steps,
         "maxiter": _MOST_STEPS,
         "xatol": _EXACT,
@@ -98,9 +99,9 @@ def _some_matches(graph: MatchGraph, pairs: Sequence[Pair]) -> tuple[FloatArray,
 def _median_errors_px(first: FloatArray, second: FloatArray, lens: FloatArray) -> FloatArray:
     """Median error (P,) of the rotations that fit the rays of matches (P, m, 2) best [px]."""
     rays_1, rays_2 = (unit(homogeneous(to_normalised(pixels, lens))) for pixels in (first, second))
-    seen = np.isfinite(rays_1).all(axis=-1) & np.isfinite(rays_2).all(axis=-1)
+    seen: BoolArray = np.asarray(np.isfinite(rays_1).all(axis=-1) & np.isfinite(rays_2).all(axis=-1))
     rays_1, rays_2 = np.where(seen[..., None], rays_1, 0), np.where(seen[..., None], rays_2, 0)
-    good: BoolArray = seen
+    good = seen
     for _ in range(_REFITS):
         turn = nearest_rotation(np.swapaxes(rays_2 * good[..., None], 1, 2) @ rays_1)
         errors = np.where(seen, _errors_px(rays_1 @ np.swapaxes(turn, 1, 2), second, lens), np.inf)

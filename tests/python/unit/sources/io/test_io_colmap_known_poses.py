@@ -1,4 +1,4 @@
-"""COLMAP models of poses alone, as its manual asks for where points are yet to be found."""
+"""COLMAP models of poses alone, as its manual has them where points are sought: points3D.txt is empty."""
 
 from __future__ import annotations
 
