@@ -161,7 +161,7 @@ def test_arguments_of_other_tools_that_are_none_are_named(call: Callable[[], obj
         ({"cameras": None}, "cameras: dtype object cannot be used as float64"),
         ({"cameras": np.ones((5, 3, 4), complex)}, "cameras: dtype complex128 cannot be used"),
         ({"points": np.zeros((3, 2))}, r"points: shape \(3, 2\), must be"),
-        ({"sigma_px": np.ones(3)}, r"sigma_px: shape \(3\), must be \(150\)"),
+        ({"sigma_px": np.ones(3)}, r"sigma_px: shape \(3,\), must be \(150\)"),
         ({"metadata": 5}, "metadata = 5: must be Metadata or None"),
     ],
 )
