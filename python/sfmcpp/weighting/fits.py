@@ -272,3 +272,8 @@ def _group_of_members(group: Group, members: BoolArray) -> Group:
     member_weights = group.member_weights.copy()
     member_weights[~members] = 0.0
     return replace(group, member_weights=member_weights)
+
+
+def total_weight(member_weights: FloatArray) -> float:
+    """Sum of the weights (n,) of members, those (n, d) of single numbers counting by their mean."""
+    return float(member_weights.sum() / np.prod(member_weights.shape[1:]))

@@ -14,7 +14,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.residual_group import Group
 from sfmcpp.model.weight_selection import WeightSelection
 from sfmcpp.weighting.conflict import agreeing_members, member_conflict
-from sfmcpp.weighting.fits import WeightFit, WeightFits
+from sfmcpp.weighting.fits import WeightFit, WeightFits, total_weight
 from sfmcpp.weighting.methods import ROUNDS, selection_method
 from sfmcpp.weighting.statistics import FitStatistics
 from sfmcpp.weighting.trials import Trials, sweep
@@ -241,7 +241,7 @@ class _Selection:
             weights=trials.weights,
             vision=np.array([fit.images for fit in trials.fits]) / fits.alone.problem.num_observations,
             constraint_error=np.array([fit.errors[k] for fit in trials.fits])
-            / _total_weight(group.member_weights),
+            / total_weight(group.member_weights),
             score=trials.score,
             admissible=trials.admissible,
             sensor_sigma=sigma_of_weight(unit, weight, at.image_sigma),
@@ -249,8 +249,3 @@ class _Selection:
             conflict=member_conflict(group.name, unit, at.linear.groups[k].member, at.errors[k], at.hats[k]),
             redundancy=None if at.too_large else float(at.redundancy.groups[k]),
         )
-
-
-def _total_weight(member_weights: FloatArray) -> float:
-    """Sum of the weights (n,) of members, those (n, d) of single numbers counting by their mean."""
-    return float(member_weights.sum() / np.prod(member_weights.shape[1:]))

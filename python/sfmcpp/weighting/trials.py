@@ -13,7 +13,7 @@ from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.weighting.criteria import admissible_weights, running_median
-from sfmcpp.weighting.fits import WeightFit, WeightFits
+from sfmcpp.weighting.fits import WeightFit, WeightFits, total_weight
 from sfmcpp.weighting.methods import WeightMethod
 from sfmcpp.weighting.statistics import FitStatistics
 
@@ -130,7 +130,7 @@ def score_of(method: WeightMethod) -> Scores:
 
     def score(fits: WeightFits, k: int, weights: FloatArray, optima: Sequence[WeightFit]) -> FloatArray:
         """In the terms of one pose: means ρ and ν, and λ² with ``M (ρ + λ² ν)`` the cost."""
-        count, members = fits.alone.problem.num_observations, fits.groups[k].member_weights.sum()
+        count, members = fits.alone.problem.num_observations, total_weight(fits.groups[k].member_weights)
         errors = np.array([fit.errors for fit in optima])
         others = np.delete(weights * errors, k, axis=1).sum(axis=1)
         rest = (np.array([fit.images for fit in optima]) + others) / count
