@@ -24,6 +24,7 @@ from experiments.text_table import text_table
 
 from drives import bend
 from sfmcpp.slam import scale_sigmas
+from sfmcpp.slam.scale_drift import warn_of_scale
 from sfmcpp.study.evaluation import evaluate
 
 CHANGES = ("half-rate", "half-the-tracks", "noisy")
@@ -70,9 +71,14 @@ def run(asked: tuple[str, str]) -> Row | None:
     if not ratio:
         return None
     expected, change = float(sigmas[-1]), float(np.log(ratio))
-    warns = any("the scale of the map" in warning for warning in result.warnings)
     numbers = {"keyframes": len(sigmas), "log(end/start)": change, "expected": expected}
-    return {"drive": name, "sensors": label, **numbers, "z": change / expected, "warns": warns}
+    return {
+        "drive": name,
+        "sensors": label,
+        **numbers,
+        "z": change / expected,
+        "warns": bool(warn_of_scale(result)),
+    }
 
 
 if __name__ == "__main__":
