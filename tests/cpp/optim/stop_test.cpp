@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/optim/minimizer.hpp"
+#include "support/forwarding_model.hpp"
 #include "support/linearized_problem.hpp"
 
 namespace sfmcpp::optim::stop_test {
@@ -55,36 +56,19 @@ class LongSolver final : public linear::LinearSolver {
 };
 
 // Takes long to linearise once a step has been accepted.
-class LongModel final : public LeastSquaresModel {
+class LongModel final : public support::ForwardingModel {
  public:
-  explicit LongModel(ba::BundleModel& model) : model_(model) {}
+  using ForwardingModel::ForwardingModel;
 
-  double cost(const State& state) override { return model_.cost(state); }
   double linearize(const State& state) override {
-    const double cost = model_.linearize(state);
+    const double cost = ForwardingModel::linearize(state);
     if (++linearizations_ > 1) work(normal_equations().pool());
     return cost;
-  }
-  const linear::NormalEquations& normal_equations() const override {
-    return model_.normal_equations();
-  }
-  void plus(const State& state,
-            const linear::Step& step,
-            StepLengths lengths,
-            State& result) const override {
-    model_.plus(state, step, lengths, result);
-  }
-  double slope(const State& start, const linear::Step& step, const State& candidate) override {
-    return model_.slope(start, step, candidate);
-  }
-  const std::vector<double>& bending(const State& state, const linear::Step& step) override {
-    return model_.bending(state, step);
   }
 
   LongWork work;
 
  private:
-  ba::BundleModel& model_;
   int linearizations_ = 0;
 };
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "sfmcpp/optim/minimizer.hpp"
+#include "support/forwarding_model.hpp"
 #include "support/linearized_problem.hpp"
 
 namespace sfmcpp::optim::stopping_test {
@@ -72,37 +73,21 @@ TEST_F(Convergence, StepsThatAreShortForTheirDampingAreNoEnd) {
 }
 
 // The first candidates seem to cost so many times what the start does.
-class SeemingModel final : public LeastSquaresModel {
+class SeemingModel final : public support::ForwardingModel {
  public:
   SeemingModel(ba::BundleModel& model, double share, int candidates = 1)
-      : model_(model), share_(share), candidates_(candidates) {}
+      : ForwardingModel(model), share_(share), candidates_(candidates) {}
 
   double cost(const State& state) override {
-    return ++costs_ <= candidates_ ? share_ * start_ : model_.cost(state);
+    return ++costs_ <= candidates_ ? share_ * start_ : ForwardingModel::cost(state);
   }
   double linearize(const State& state) override {
-    const double cost = model_.linearize(state);
+    const double cost = ForwardingModel::linearize(state);
     if (costs_ == 0) start_ = cost;
     return cost;
   }
-  const linear::NormalEquations& normal_equations() const override {
-    return model_.normal_equations();
-  }
-  void plus(const State& state,
-            const linear::Step& step,
-            StepLengths lengths,
-            State& result) const override {
-    model_.plus(state, step, lengths, result);
-  }
-  double slope(const State& start, const linear::Step& step, const State& candidate) override {
-    return model_.slope(start, step, candidate);
-  }
-  const std::vector<double>& bending(const State& state, const linear::Step& step) override {
-    return model_.bending(state, step);
-  }
 
  private:
-  ba::BundleModel& model_;
   double share_, start_ = 0.0;
   int candidates_;
   int costs_ = 0;
