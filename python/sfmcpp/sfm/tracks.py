@@ -56,11 +56,11 @@ def build_tracks(graph: MatchGraph) -> Tracks:
     begin = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
     links, strength = _match_links(graph, begin)
     image = np.repeat(np.arange(len(counts)), counts)
-    parts = _components(links, len(image))
+    parts = connected_parts(links, len(image))
     twice = _components_with_conflict(parts, image)
     doubtful = twice[parts[links[:, 0]]]
     kept, apart = _join_without_conflict(links[doubtful], strength[doubtful], image)
-    track = _numbered_components(_components(np.concatenate([links[~doubtful], kept]), len(image)))
+    track = _numbered_components(connected_parts(np.concatenate([links[~doubtful], kept]), len(image)))
     differ = track[apart[:, 0]] != track[apart[:, 1]]
     return Tracks(begin, track, int(track.max(initial=NO_TRACK)) + 1, apart[differ])
 
@@ -74,7 +74,8 @@ def _match_links(graph: MatchGraph, begin: Links) -> tuple[Links, NDArray[np.int
     return np.concatenate([np.empty((0, 2), dtype=np.intp), *links]), np.concatenate([empty, *strength])
 
 
-def _components(links: Links, count: int) -> NDArray[np.int32]:
+def connected_parts(links: Links, count: int) -> NDArray[np.int32]:
+    """The same number for those of `count` things that links (e, 2) connect, (count,)."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 

@@ -20,6 +20,7 @@ from sfmcpp.geometry.two_view_matrices import homography_errors_px
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
+from sfmcpp.sfm.tracks import connected_parts
 from sfmcpp.sfm.turned_lenses import lenses_of_rotations
 
 # Focal lengths that are tried, in lengths of the longer side. Before longer lenses than these a plane that
@@ -83,12 +84,8 @@ def _rotations(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> lis
 
 def _places(turned: Sequence[Pair], images: int) -> IndexArray:
     """(I,) the same number for images that rotations connect."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    ends = np.array([(p.first, p.second) for p in turned if p.geometry.kind == "rotation"]).reshape(-1, 2)
-    links = coo_array((np.ones(len(ends)), ends.T), shape=(images, images))
-    return np.asarray(connected_components(links, directed=False)[1])
+    links = [(pair.first, pair.second) for pair in turned if pair.geometry.kind == "rotation"]
+    return connected_parts(np.array(links, dtype=np.intp).reshape(-1, 2), images)
 
 
 def _as_rotation(pair: Pair) -> Pair:

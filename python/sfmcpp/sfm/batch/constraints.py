@@ -16,6 +16,7 @@ import numpy as np
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.batch.blocks import Block
 from sfmcpp.sfm.batch.measurements import Indices
+from sfmcpp.sfm.tracks import connected_parts
 
 _LEAST_COMMON = 4
 _SCALE_ROUNDS, _CAMERA_ROUNDS = 4, 5
@@ -120,14 +121,11 @@ def _closure_equation(blocks: list[Block], one: _CameraInBlock, other: _CameraIn
 
 def _largest_part(blocks: list[Block], equations: list[_Equation]) -> list[int]:
     """Numbers of the blocks that equations connect, of the part with the most images."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    ends = np.array([(e.one.block, e.other.block) for e in equations], dtype=np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(len(blocks), len(blocks)))
-    count, part = connected_components(graph, directed=False)
-    images = [{i for b in np.flatnonzero(part == p) for i in blocks[b].images} for p in range(count)]
-    best = max(range(count), key=lambda p: (len(images[p]), int((part == p).sum()), -p))
+    links = np.array([(e.one.block, e.other.block) for e in equations], dtype=np.intp).reshape(-1, 2)
+    part = connected_parts(links, len(blocks))
+    numbers = range(int(part.max()) + 1)
+    images = [{i for b in np.flatnonzero(part == p) for i in blocks[b].images} for p in numbers]
+    best = max(numbers, key=lambda p: (len(images[p]), int((part == p).sum()), -p))
     return [int(b) for b in np.flatnonzero(part == best)]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from sfmcpp.geometry import fundamental_from_matches
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.batch.measurements import Indices, Measurements
+from sfmcpp.sfm.tracks import connected_parts
 
 LEAST_SHARED, _LEAST_INLIERS = 12, 10
 _MOST_PAIRS = 12
@@ -89,12 +90,7 @@ def plausible_observations(measured: Measurements, pairs: list[PairGeometry]) ->
 
 def _in_largest_part(measured: Measurements, linked: Indices) -> BoolArray:
     """Whether each observation (M,) is in the largest connected part of its track, the first among equals."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    count = len(measured.image)
-    graph = coo_array((np.ones(linked.shape[1]), (linked[0], linked[1])), shape=(count, count))
-    _, part = connected_components(graph, directed=False)
+    part = connected_parts(linked.T, len(measured.image))
     size = np.bincount(part)[part]
     order = np.lexsort((part, -size, measured.track))
     first = order[np.flatnonzero(np.diff(measured.track[order], prepend=-1))]
