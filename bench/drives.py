@@ -140,7 +140,8 @@ def run(asked: tuple[str, str, int], options: Row) -> Row:
     row: Row = {"drive": name, "sensors": label, "seed": seed, "frames": len(drive.t_s)}
     row |= {"posed": len(result.poses), "error_m": None, "bend": None}
     # Those of sensors: that images alone hold the scale is no fault of one.
-    row["warnings"] = [told for told in result.warnings if told not in warn_of_scale(result)]
+    of_scale = warn_of_scale(result)
+    row["warnings"] = [told for told in result.warnings if told not in of_scale]
     row["final"] = None if result.final is None else result.final.kept
     if result.poses:
         found = evaluate(result.trajectory(), drive.truth, with_scale=not result.metric)
