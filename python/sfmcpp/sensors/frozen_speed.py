@@ -7,7 +7,7 @@ import numpy as np
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sensors.stream import repeats, require_kind
+from sfmcpp.sensors.stream import repeats, require_kind, rows_of_repeats
 
 # A value that is repeated for less time moves the body little, whatever its speed is [s].
 _LEAST_S = 0.5
@@ -44,9 +44,7 @@ def frozen_stretches(stream: SensorStream) -> tuple[Gap, ...]:
         If the stream is of another kind.
     """
     require_kind(stream, "speed", "velocity")
-    same = repeats(stream.values)
-    begins = np.flatnonzero(~same)
-    following = np.append(begins[1:], len(stream))
+    begins, following = rows_of_repeats(stream.values)
     held_s = stream.t_s[following - 1] - stream.t_s[begins]
     moving = np.linalg.norm(stream.values, axis=1) > _STANDING_M_S
     long = np.flatnonzero((held_s >= _LEAST_S) & moving[begins])
@@ -55,7 +53,7 @@ def frozen_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     within = np.zeros(len(stream), dtype=bool)
     for k in long:
         within[begins[k] + 1 : following[k]] = True
-    others = _Others(stream.values, same, moving & ~within)
+    others = _Others(stream.values, repeats(stream.values), moving & ~within)
     frozen = [(begins[k], following[k]) for k in long if others.rule_out(begins[k], following[k])]
     return tuple(_gap(stream, first, end) for first, end in frozen)
 

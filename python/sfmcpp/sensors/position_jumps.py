@@ -11,7 +11,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.sensor_stream import FASTEST_M_S
 from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
-from sfmcpp.sensors.stream import local_medians, repeats, require_kind
+from sfmcpp.sensors.stream import local_medians, repeats, require_kind, rows_of_repeats
 
 # The velocity at a step is a median over this time [s] on either side, of at least 2 and at most 5 steps.
 _SPEED_WITHIN_S, _LEAST_REACH, _LARGEST_REACH = 0.5, 2, 5
@@ -176,9 +176,8 @@ def longest_lost_fix(stream: SensorStream, sigma_m: float) -> tuple[float, float
     """
     require_kind(stream, "position", "pose")
     require_positive("sigma_m", sigma_m)
-    begins = np.flatnonzero(~repeats(stream.values))
-    ends = np.append(begins[1:], len(stream)) - 1
-    held_s = stream.t_s[ends] - stream.t_s[begins]
+    begins, following = rows_of_repeats(stream.values)
+    held_s = stream.t_s[following - 1] - stream.t_s[begins]
     places = stream.values[begins, :3]
     ways = np.append(np.linalg.norm(np.diff(places, axis=0), axis=1), 0.0)
     lost = np.where((held_s > _LONG_HELD_S) & (ways > _FAR_SIGMAS * sigma_m), held_s, 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arrays import FloatArray, IndexArray
-from sfmcpp.sensors.stream import repeats
+from sfmcpp.sensors.stream import rows_of_repeats
 
 # Fewer distances between levels, or changes, may be those of a fault.
 _FEWEST_LEVELS, _FEWEST_CHANGES = 4, 20
@@ -53,7 +53,7 @@ def measured_anew(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> Index
     each such time.
     """
     whole = np.arange(len(speeds), dtype=np.int32)
-    begins = np.flatnonzero(~repeats(speeds))
+    begins, following = rows_of_repeats(speeds)
     lengths = np.diff(begins)
     if len(lengths) < _FEWEST_CHANGES:
         return whole
@@ -63,5 +63,5 @@ def measured_anew(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> Index
         usual = min(usual, int(_LONGEST_ON_GRID_S / period_s))
     if usual < 2 or usual > _MOST_REPEATS or usual * period_s > _LONGEST_HELD_S:
         return whole
-    since = whole - np.repeat(begins, np.diff(begins, append=len(speeds)))
+    since = whole - np.repeat(begins, following - begins)
     return np.asarray(whole[since % usual == 0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
@@ -166,6 +167,12 @@ def repeats(values: FloatArray) -> BoolArray:
     """Which of (n,) or (n, K) values are equal to those before them, (n,)."""
     same = np.diff(values, axis=0, prepend=np.nan) == 0
     return np.asarray(same if same.ndim == 1 else same.all(axis=1))
+
+
+def rows_of_repeats(values: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of equal values in (n,) or (n, K), (m,): the first of each, and the one after its last."""
+    begins = np.flatnonzero(~repeats(values))
+    return begins, np.append(begins[1:], len(values))
 
 
 def local_medians(rows: FloatArray, reach: int) -> FloatArray:
