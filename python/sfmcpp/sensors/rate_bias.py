@@ -29,7 +29,7 @@ _LEAST_RAD_S = float(np.radians(3.7))
 # No gyroscope has more; rates in a wrong unit do [rad/s].
 LARGEST_RAD_S = float(np.radians(20.0))
 # Least standard deviation of the rotations by images [rad].
-LEAST_ERROR_RAD = 0.001
+_LEAST_ERROR_RAD = 0.001
 # A clock offset looks like a bias where the rate changes, and wrong axes do where it does not. The bias must
 # leave at most this share of the errors that the best clock leaves, or that an evenly turning camera leaves …
 _SHARE_OF_OTHERS = 0.5
@@ -38,7 +38,7 @@ _LARGEST_RATIO = 2.0
 # Clock offsets tried [s].
 _OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 # Median length of a vector of three standard normal numbers.
-MEDIAN_LENGTH = 1.538
+_MEDIAN_LENGTH = 1.538
 # Rounds of reweighting.
 _ROUNDS = 6
 
@@ -131,10 +131,15 @@ def _rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]
     rate: FloatArray = np.median(rates, axis=0)
     for _ in range(_ROUNDS):
         left = np.linalg.norm(errors - lengths_s[:, None] * rate, axis=1)
-        scale = max(float(np.median(left)) / MEDIAN_LENGTH, LEAST_ERROR_RAD)
+        scale = error_scale(left)
         weights = lengths_s**2 / (1 + (left / (2 * scale)) ** 2)
         rate = weights @ rates / weights.sum()
     return rate, float(scale / np.sqrt(weights.sum()))
+
+
+def error_scale(lengths: FloatArray) -> float:
+    """Standard deviation of the entries of rotation vectors by the median of their lengths (n,) [rad]."""
+    return max(float(np.median(lengths)) / _MEDIAN_LENGTH, _LEAST_ERROR_RAD)
 
 
 def _median_norm(errors: FloatArray) -> FloatArray:

@@ -11,13 +11,7 @@ from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.rate_bias import (
-    LARGEST_RAD_S,
-    LEAST_ERROR_RAD,
-    MEDIAN_LENGTH,
-    durations_s,
-    rotation_errors,
-)
+from sfmcpp.sensors.rate_bias import LARGEST_RAD_S, durations_s, error_scale, rotation_errors
 from sfmcpp.sensors.stream import require_kind
 from sfmcpp.sensors.turn import Turn, times_of
 
@@ -95,7 +89,7 @@ def find_drift(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) 
     t_s = times_of(covered).mean(axis=1)
     middle_s, seconds = float(t_s.mean()), float(np.ptp(t_s))
     line, left = _fitted(errors, lengths_s, t_s - middle_s)
-    scale = max(float(np.median(left)) / MEDIAN_LENGTH, LEAST_ERROR_RAD)
+    scale = error_scale(left)
     gain = _loss(_fitted(errors, lengths_s)[1], scale) - _loss(left, scale)
     if gain < _GAIN or np.abs(line[0]).max() > LARGEST_RAD_S:
         return None
@@ -145,7 +139,7 @@ def _fitted(
     found[0] = np.median(rates, axis=0)
     for _ in range(_ROUNDS):
         left = np.linalg.norm(errors - lengths_s[:, None] * (design @ found), axis=1)
-        scale = max(float(np.median(left)) / MEDIAN_LENGTH, LEAST_ERROR_RAD)
+        scale = error_scale(left)
         weighted = (lengths_s**2 / (1 + (left / (2 * scale)) ** 2))[:, None] * design
         found = np.linalg.solve(design.T @ weighted, weighted.T @ rates)
     return found, np.linalg.norm(errors - lengths_s[:, None] * (design @ found), axis=1)
