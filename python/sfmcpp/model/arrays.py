@@ -48,7 +48,8 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
 def require_unmasked(name: str, value: ArrayLike | None) -> None:
     """Raise InvalidArgument for an array with masked entries: NumPy would take what lies under the mask."""
     masks = sys.modules.get("numpy.ma")  # without it there are none
-    if masks is not None and masks.is_masked(value):
+    # Another thread may be importing it: while its names are missing there are none either.
+    if masks is not None and hasattr(masks, "is_masked") and masks.is_masked(value):
         count = int(masks.getmaskarray(value).sum())
         raise InvalidArgument(f"{name}: {count} entries are masked: must be filled in or left out")
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -210,6 +212,13 @@ def test_a_matrix_of_intrinsics_is_told_what_a_row_holds() -> None:
     message = r"intrinsics: shape \(3, 3\), must be \(any, 5\): f, aspect, cx, cy, skew of each row"
     with pytest.raises(InvalidArgument, match=message):
         made(intrinsics=np.eye(3))
+
+
+def test_arrays_are_taken_while_another_thread_imports_the_module_of_masks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "numpy.ma", ModuleType("numpy.ma"))  # as it is until its body has run
+    assert made(pixels=np.zeros((150, 2))).pixels.shape == (150, 2)
 
 
 def test_a_group_in_place_of_a_list_is_named_in_short() -> None:
