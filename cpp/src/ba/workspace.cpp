@@ -201,11 +201,12 @@ double held_bytes(const linear::ObservationGraph& graph,
   const double stored = linear::bytes_of_number(precision);
   const double robust = options.is_robust() ? 1.0 : 0.0;
   const double states = options.minimizer.line_search.kind == optim::LineSearchKind::kNone ? 3 : 4;
-  // J and A|r, and what rounding took from the gradient; pixels and σ; the five indices of the
-  // graph.
+  // J and A|r, and what rounding took from the gradient; pixels and σ; second derivatives along a
+  // step; the five indices of the graph.
   const double lost = precision == linear::Precision::kSingle ? 4 * sizeof(float) : 0.0;
+  const double bent = optim::GeodesicAcceleration(options.minimizer).is_possible() ? 2.0 : 0.0;
   const double of_observation =
-      stored * (2.0 * map.camera_size + 8) + lost + kNumber * (3 + robust) + 5 * kIndex;
+      stored * (2.0 * map.camera_size + 8) + lost + kNumber * (3 + robust + bent) + 5 * kIndex;
   // V and Jᵀr, M and y; sums, steps, and states.
   const double of_point = kNumber * (9 + 9 + 3 + 3 * 3 + 3 * states) + kIndex;
   const double of_camera = kNumber * (kCameraStorage * states + 8.0 * map.camera_size);

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "sfmcpp/optim/options.hpp"
 
@@ -10,6 +11,8 @@ namespace {
 
 // ‖a‖ may be this many times ‖v‖, of each point and block of cameras.
 constexpr double kLongest = 0.7;
+// Near a minimum steps are straight, and bending them costs more than it gains.
+constexpr double kSteep = 1.0 / 3.0;
 
 double squared_length(const double* x, const double* diagonal, long n) {
   double sum = 0.0;
@@ -57,11 +60,14 @@ GeodesicAcceleration::GeodesicAcceleration(const MinimizerOptions& options)
     : possible_(options.acceleration != Acceleration::kNone &&
                 facts_of(options.method).solves_damped_system() &&
                 options.line_search.kind == LineSearchKind::kNone),
-      unknowns_(options.acceleration == Acceleration::kGeodesic ? linear::Unknowns::kAll
-                                                                : linear::Unknowns::kPoints) {}
+      largest_share_(options.acceleration == Acceleration::kAuto
+                         ? kSteep
+                         : std::numeric_limits<double>::infinity()),
+      unknowns_(options.acceleration == Acceleration::kPoints ? linear::Unknowns::kPoints
+                                                              : linear::Unknowns::kAll) {}
 
-bool GeodesicAcceleration::is_due(const linear::LinearSolver& solver) const {
-  return possible_ && solver.can_solve_again(unknowns_);
+bool GeodesicAcceleration::is_due(const linear::LinearSolver& solver, double share_left) const {
+  return possible_ && share_left < largest_share_ && solver.can_solve_again(unknowns_);
 }
 
 const linear::Step* GeodesicAcceleration::bend(LeastSquaresModel& model,

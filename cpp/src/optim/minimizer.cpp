@@ -55,6 +55,7 @@ class Minimizer {
     archive.keep(summary_.initial_cost);
     archive.keep(summary_.iterations);
     archive.keep(cost_);
+    archive.keep(share_left_);
     archive.keep(largest_prediction_);
     archive.keep(holds_intrinsics_);
     strategy_->keep(archive);
@@ -153,7 +154,7 @@ class Minimizer {
   }
 
   void try_step() {
-    if (result_.valid) trial_.evaluate(state_, cost_, step_, now_);
+    if (result_.valid) trial_.evaluate(state_, cost_, share_left_, step_, now_);
     if (holding_intrinsics_is_due()) try_to_hold_intrinsics();
     if (step_is_successful()) {
       accept();
@@ -180,7 +181,7 @@ class Minimizer {
     Iteration now_of_all = now_;
     set_intrinsics_held(true);
     solve_for_step(now_.number);
-    if (result_.valid) trial_.evaluate(state_, cost_, step_, now_);
+    if (result_.valid) trial_.evaluate(state_, cost_, share_left_, step_, now_);
     if (step_is_successful() && trial_.candidate().cost < of_all.cost) {
       add_work_of(now_of_all, now_);
       return;
@@ -221,6 +222,7 @@ class Minimizer {
     std::swap(state_, trial_.candidate().state);
     model_.normalize(state_);
     update_strategy();
+    share_left_ = trial_.candidate().cost / cost_;
     cost_ = trial_.candidate().cost;
     if (decrease <= options_.termination.function_tolerance * (cost_ + decrease) &&
         kept_its_promise(decrease, result_.predicted_decrease, negligible()) && is_stationary()) {
@@ -277,6 +279,7 @@ class Minimizer {
   void begin_stage() {
     finished_ = false;
     cost_ = model_.linearize(state_);
+    share_left_ = 1.0;
     strategy_ = make_step_strategy(options_);
   }
 
@@ -371,6 +374,7 @@ class Minimizer {
   StepResult result_;
   Iteration now_;
   double cost_ = 0.0;
+  double share_left_ = 1.0;          // of the cost, by the last step taken; of the present stage
   double largest_prediction_ = 0.0;  // largest decrease that the model has predicted
   bool finished_ = false;
   bool time_ends_step_ = false;  // no step can be made of what there is of it

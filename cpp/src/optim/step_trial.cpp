@@ -19,20 +19,19 @@ StepTrial::StepTrial(LeastSquaresModel& model,
       acceleration_(options),
       point_steps_(point_steps_of(options)),
       candidate_{.state = start} {
-  if (line_search_ || acceleration_.is_possible()) trial_ = start;
+  if (line_search_) trial_ = start;
 }
 
-void StepTrial::evaluate(const State& start,
-                         double cost,
-                         const linear::Step& step,
-                         Iteration& now) {
+void StepTrial::evaluate(
+    const State& start, double cost, double share_left, const linear::Step& step, Iteration& now) {
   cost_ = cost;
   ModelLine line(model_, start, step, cost, candidate_.state, trial_);
   take_cost_at_unit_length(line.cost(now.lengths));
   if (line_search_ && search_is_due(now)) search(line, now);
   now.cost_evaluations = line.num_evaluations();
   if (holding_back_is_due()) hold_back(start, now);
-  if (now.held_points == 0 && acceleration_.is_due(solver_)) accelerate(start, step, now);
+  if (now.held_points == 0 && acceleration_.is_due(solver_, share_left))
+    accelerate(start, step, now);
   if (point_steps_ == PointSteps::kRefitted) refit_points(start, step, now);
 }
 
@@ -74,13 +73,15 @@ void StepTrial::hold_back(const State& start, Iteration& now) {
 void StepTrial::accelerate(const State& start, const linear::Step& step, Iteration& now) {
   const linear::Step* bent = acceleration_.bend(model_, solver_, start, step);
   if (bent == nullptr) return;
-  model_.plus(start, *bent, StepLengths{}, trial_);
-  const double cost = model_.cost(trial_);
+  model_.plus(start, *bent, StepLengths{}, candidate_.state);
+  const double cost = model_.cost(candidate_.state);
   ++now.cost_evaluations;
   now.accelerated = cost < candidate_.cost;
-  if (!now.accelerated) return;
-  take_cost_at_unit_length(cost);
-  std::swap(candidate_.state, trial_);
+  if (now.accelerated) {
+    take_cost_at_unit_length(cost);
+  } else {
+    model_.plus(start, step, StepLengths{}, candidate_.state);
+  }
 }
 
 void StepTrial::refit_points(const State& start, const linear::Step& step, Iteration& now) {

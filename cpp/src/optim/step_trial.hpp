@@ -29,8 +29,10 @@ class StepTrial {
             const State& start);
 
   // Sets the candidate to what `step` makes of `start`, where the normal equations were filled and
-  // whose cost is `cost`, and notes in `now` what was done.
-  void evaluate(const State& start, double cost, const linear::Step& step, Iteration& now);
+  // whose cost is `cost`, and notes in `now` what was done. `share_left`: of the cost, by the step
+  // that led to `start`.
+  void evaluate(
+      const State& start, double cost, double share_left, const linear::Step& step, Iteration& now);
 
   StepCandidate& candidate() { return candidate_; }
 
@@ -52,7 +54,7 @@ class StepTrial {
   PointSteps point_steps_;
   double cost_ = 0.0;  // at the start of the step
   StepCandidate candidate_;
-  State trial_;  // room for a line search or an acceleration
+  State trial_;  // room for a line search
 };
 
 }  // namespace sfmcpp::optim

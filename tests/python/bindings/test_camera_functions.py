@@ -39,7 +39,9 @@ def scene(seed: int = 1) -> Problem:
 def test_a_copy_of_a_built_in_model_takes_the_same_iterations(options: dict[str, Any]) -> None:
     first, second = scene(), copied(scene(), own_bal())
     straight = {"point_steps": "whole", "intrinsic_steps": "whole", "acceleration": "none"}
-    alike: dict[str, Any] = {"gauge": "fixed", **straight, **options}
+    # Derivatives differ in their last digits, which matter less with more damping.
+    damped = {} if "method" in options else {"initial_damping": 1e-4}
+    alike: dict[str, Any] = {"gauge": "fixed", **straight, **damped, **options}
     expected, found = sfmcpp.solve(first, **alike), sfmcpp.solve(second, **alike)
     assert len(expected.iterations) > 3
     np.testing.assert_allclose(found.history()["cost"], expected.history()["cost"], rtol=1e-6)
@@ -95,7 +97,7 @@ def test_residuals_covariances_and_costs_along_a_step_are_those_of_the_built_in_
     np.testing.assert_allclose(sfmcpp.residuals(second), sfmcpp.residuals(first), atol=1e-9)
     assert sfmcpp.cost(second) == pytest.approx(sfmcpp.cost(first), rel=1e-12)
     for problem in (first, second):
-        sfmcpp.solve(problem, gauge="fixed")
+        sfmcpp.solve(problem, gauge="fixed", function_tolerance=1e-12)
     expected, found = (sfmcpp.linearize(p).covariance(cameras="all").cameras for p in (first, second))
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-12)
 

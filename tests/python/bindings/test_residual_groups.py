@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -39,8 +41,10 @@ def test_a_copy_of_the_position_constraint_takes_the_same_iterations(loss: str, 
     own = copied_positions(centres, with_jacobian=True)
     own.loss = loss
     first, second = scene(), scene()
-    expected = sfmcpp.solve(first, constraints=[built_in], method=method)
-    found = sfmcpp.solve(second, constraints=[own], method=method)
+    less_rounding = {"initial_damping": 1e-4, "acceleration": "none"}
+    damped: dict[str, Any] = less_rounding if method == "lm-nielsen" else {}
+    expected = sfmcpp.solve(first, constraints=[built_in], method=method, **damped)
+    found = sfmcpp.solve(second, constraints=[own], method=method, **damped)
     assert len(expected.iterations) > 3
     np.testing.assert_allclose(found.history()["cost"], expected.history()["cost"], rtol=1e-11)
     np.testing.assert_allclose(second.cameras, first.cameras, atol=1e-9)

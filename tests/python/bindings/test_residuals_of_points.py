@@ -91,7 +91,9 @@ def test_images_as_functions_take_the_iterations_of_images(options: dict[str, An
     whole = fixed_intrinsics()
     parts = without(whole, CHOSEN)
     loss = {"loss": "huber", "loss_scale": 2.0} if "loss" in options else {}
-    options = {"point_steps": "whole", "acceleration": "none", "max_iterations": 12} | options
+    # Roundings differ, and matter less with more damping.
+    damped = {} if "method" in options else {"initial_damping": 1e-4}
+    options = {"point_steps": "whole", "acceleration": "none", "max_iterations": 12} | damped | options
     expected = sfmcpp.solve(whole, **options)
     found = sfmcpp.solve(parts, constraints=images(fixed_intrinsics(), CHOSEN, split, **loss), **options)
     assert len(expected.iterations) > 3

@@ -27,7 +27,10 @@ struct EnumTraits<optim::Acceleration> {
   using A = optim::Acceleration;
   static constexpr std::string_view kWhat = "acceleration";
   static constexpr auto kTable = std::to_array<EnumRow<A>>(
-      {{A::kAuto, "auto", "of the points where the method can and no line is searched, else none"},
+      {{A::kAuto,
+        "auto",
+        "geodesic after steps that leave less than a third of the cost, where a direct linear "
+        "solver can and no line is searched, else none"},
        {A::kNone, "none", "straight steps"},
        {A::kPoints, "points", "geodesic, of the points: the cameras go straight"},
        {A::kGeodesic, "geodesic", "geodesic, of all unknowns, by a direct linear solver"}});
@@ -42,7 +45,8 @@ class GeodesicAcceleration {
   explicit GeodesicAcceleration(const MinimizerOptions& options);
 
   bool is_possible() const { return possible_; }
-  bool is_due(const linear::LinearSolver& solver) const;
+  // `share_left`: of the cost, by the last step taken.
+  bool is_due(const linear::LinearSolver& solver, double share_left) const;
   // v + ½ a for the step v that `solver` solved for last; null where it is not finite.
   const linear::Step* bend(LeastSquaresModel& model,
                            linear::LinearSolver& solver,
@@ -51,6 +55,7 @@ class GeodesicAcceleration {
 
  private:
   bool possible_;
+  double largest_share_;  // that is left where a step is bent
   linear::Unknowns unknowns_;
   linear::Step bent_;
 };

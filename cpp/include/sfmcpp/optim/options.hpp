@@ -80,7 +80,7 @@ struct MinimizerOptions {
   std::optional<double> initial_radius;   // of the Dog-Leg; none: that of the method
   linear::DampingMatrix damping_matrix = linear::DampingMatrix::kDiagonal;
   LineSearchOptions line_search;
-  Acceleration acceleration = Acceleration::kNone;
+  Acceleration acceleration = Acceleration::kAuto;
   PointSteps point_steps = PointSteps::kAuto;
   IntrinsicSteps intrinsic_steps = IntrinsicSteps::kAuto;
   TerminationOptions termination;
