@@ -11,7 +11,10 @@ import sys
 import threading
 import time
 import weakref
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import REPOSITORY
@@ -28,7 +31,13 @@ from cli_helpers import (
     strict_json,
     write_noisy_circle,
 )
-from sfmcpp.cli.interrupts import repeated_lost_interrupts
+from sfmcpp.cli.interrupts import (
+    noted_interrupt,
+    repeated_lost_interrupts,
+    single_interrupt,
+    stoppable,
+    termination_as_ctrl_c,
+)
 from sfmcpp.study import covariance_files
 
 # A row of the progress display after the start: the solve is then between two of its steps.
@@ -194,6 +203,57 @@ def test_an_interrupt_that_was_lost_comes_before_the_command_has_ended() -> None
     with pytest.raises(KeyboardInterrupt), repeated_lost_interrupts():
         lose_an_interrupt()
     time.sleep(0.05)  # nothing comes any more
+
+
+def stop_once_set(patch: pytest.MonkeyPatch, number: signal.Signals) -> None:
+    """Let a stop come right after its handler is set the next time."""
+    set_handler, sent = signal.signal, []
+
+    def set_and_stop(which: signal.Signals, handler: Any) -> Any:
+        before = set_handler(which, handler)
+        if which == number and not sent:
+            sent.append(which)
+            signal.raise_signal(which)
+        return before
+
+    patch.setattr(signal, "signal", set_and_stop)
+
+
+def handlers() -> list[Any]:
+    return [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_while_handlers_are_set_is_noted_and_the_next_one_ends_at_once(
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    with termination_as_ctrl_c():
+        before = handlers()
+        stop_once_set(monkeypatch, number)
+        with noted_interrupt() as asked_to_stop:
+            assert asked_to_stop()
+            assert handlers() == before
+        assert handlers() == before
+
+
+@pytest.mark.parametrize("held", [single_interrupt, termination_as_ctrl_c])
+def test_handlers_are_restored_after_a_stop_while_they_are_set(
+    monkeypatch: pytest.MonkeyPatch, held: Callable[[], AbstractContextManager[Any]]
+) -> None:
+    before = handlers()
+    stop_once_set(monkeypatch, signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), held():
+        raise AssertionError("not stopped")
+    assert handlers() == before
+
+
+def test_a_timeout_of_what_is_computed_is_raised_as_it_is() -> None:
+    def compute() -> None:
+        raise TimeoutError("of its own")
+
+    asked: list[int] = []
+    with pytest.raises(TimeoutError, match="of its own"):
+        stoppable(compute, lambda: asked.append(0) is None and len(asked) > 100)
 
 
 @pytest.mark.parametrize(
