@@ -10,7 +10,6 @@ import io
 import json
 import math
 import struct
-import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
@@ -25,6 +24,7 @@ from sfmcpp.ba.parts import COLORS, OBSERVATION_ROWS, POINT_ROWS
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem, Rigs
+from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import require_image_sizes, require_metadata_length, require_valid
 from sfmcpp.sources.io.files import expands_too_far, largest_expansion, open_content
@@ -220,8 +220,7 @@ def read_members(path: Path) -> dict[str, NDArray[Any]]:
         if file.read(len(_ZIP_MAGIC)) != _ZIP_MAGIC:
             raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
         try:
-            with warnings.catch_warnings(), zipfile.ZipFile(file) as archive:
-                warnings.simplefilter("error")
+            with zipfile.ZipFile(file) as archive:
                 _require_plausible_sizes(path, archive, size, limit)
                 _require_each_once(path, archive)
                 return {
@@ -280,7 +279,8 @@ def _read_npy_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in read:
         raise ValueError(f"a member of npy version {'.'.join(map(str, version))}: must be 1.0 or 2.0")
-    return read[version](member)
+    with without_warnings():  # of headers that Python 2 wrote, and of escapes in damaged ones
+        return read[version](member)
 
 
 def _json(path: Path, array: NDArray[Any]) -> dict[str, Any]:
