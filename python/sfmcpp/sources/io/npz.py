@@ -6,6 +6,7 @@ have members of their own, ``extra.NAME.npy``.
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import math
@@ -279,8 +280,15 @@ def _read_npy_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in read:
         raise ValueError(f"a member of npy version {'.'.join(map(str, version))}: must be 1.0 or 2.0")
-    with without_warnings():  # of headers that Python 2 wrote, and of escapes in damaged ones
-        return read[version](member)
+    length = member.read(2 if version == (1, 0) else 4)
+    header = member.read(int.from_bytes(length, "little"))
+    with without_warnings():  # of escapes in damaged headers, and of what is refused here
+        found = read[version](io.BytesIO(length + header))
+        try:
+            ast.literal_eval(header.decode("latin1"))
+        except SyntaxError:
+            raise ValueError("an array has a header of Python 2") from None
+    return found
 
 
 def _json(path: Path, array: NDArray[Any]) -> dict[str, Any]:
