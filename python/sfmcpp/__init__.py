@@ -1,6 +1,7 @@
 """Bundle adjustment, structure from motion and multi-sensor SLAM: a Python package with a C++ core."""
 
 from importlib import import_module
+from threading import RLock
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -20,10 +21,20 @@ if TYPE_CHECKING:
     from sfmcpp._public import __all__ as __all__
 else:
     # Loaded when first used, so that a command heeds Ctrl-C before, not after, half a second of imports.
-    _PARTS = ("_core", "ba", "doctor", "errors", "geometry", "map", "model")
+    _PARTS = ("ba", "doctor", "errors", "geometry", "map", "model")
     _PARTS += ("sensors", "sfm", "slam", "sources", "study", "weighting")
 
+    # One thread at a time: two that begin at different ends would each wait for modules that the other loads,
+    # and Python then gives out modules that are half loaded. The core needs none, and they ask for it.
+    _LOADING = RLock()
+
     def __getattr__(name: str) -> Any:
+        if name == "_core":
+            return import_module(f"{__name__}.{name}")
+        with _LOADING:
+            return _loaded(name)
+
+    def _loaded(name: str) -> Any:
         if name in _PARTS:
             return import_module(f"{__name__}.{name}")
         if not name.startswith("_") or name in ("__all__", "__version__"):
@@ -34,5 +45,4 @@ else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
 
     def __dir__() -> list[str]:
-        public = {name for name in _PARTS if not name.startswith("_")}
-        return sorted({*globals(), *public, *__getattr__("__all__")})
+        return sorted({*globals(), *_PARTS, *__getattr__("__all__")})

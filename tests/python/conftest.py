@@ -10,6 +10,10 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
+# For what hangs, and nothing else: where other programs have the processors, a command of two seconds
+# can take two minutes.
+TIMEOUT_S = 600.0
+
 # A job started in the background ignores Ctrl-C, and its children too: the tests of interrupts need it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -211,9 +211,9 @@ def interrupts_held(on_interrupt: Callable[[], None] | None = None) -> Iterator[
 
     before = {int(n): signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     held = {n: handler for n, handler in before.items() if callable(handler)}
-    for number in held:
-        signal.signal(number, note)
     try:
+        for number in held:
+            signal.signal(number, note)
         yield pending
     finally:
         for number, handler in held.items():

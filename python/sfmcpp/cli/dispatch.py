@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
+import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext, redirect_stdout
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Any
 
 from sfmcpp.cli.console import ExitCode, in_words, print_error, print_interrupted
@@ -39,7 +40,7 @@ def dispatch(given: list[str]) -> int:
 
 def _guarded(task: Callable[[], int]) -> int:
     try:
-        with termination_as_ctrl_c(), repeated_lost_interrupts():
+        with termination_as_ctrl_c(), repeated_lost_interrupts(), _warnings_of_libraries_unsaid():
             return task()
     except ModuleNotFoundError as error:
         return print_error(_how_to_install(error))
@@ -51,6 +52,24 @@ def _guarded(task: Callable[[], int]) -> int:
         return print_error(in_words(error))
     except KeyboardInterrupt:  # while modules are loaded
         return print_interrupted()
+
+
+@contextmanager
+def _warnings_of_libraries_unsaid() -> Iterator[None]:
+    """Leave out what libraries log below an error, which Python prints where nobody asks for it.
+
+    Matplotlib says so that it looks for fonts, once, if that takes longer than five seconds.
+    """
+    printer = logging.lastResort
+    if printer is None:
+        yield
+        return
+    before = printer.level
+    printer.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        printer.setLevel(before)
 
 
 def _how_to_install(error: ModuleNotFoundError) -> str:

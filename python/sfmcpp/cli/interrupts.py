@@ -12,8 +12,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, TimeoutError
-from contextlib import contextmanager, suppress
+from concurrent.futures import Future, wait
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -53,16 +53,15 @@ class _StopSignals:
 def termination_as_ctrl_c() -> Iterator[None]:
     """Handle SIGTERM and SIGHUP like Ctrl-C: the command ends with the best state and a report."""
     plain = (signal.SIG_DFL, signal.default_int_handler)
-    before = {n: signal.getsignal(n) for n in (signal.SIGINT, *_REQUESTS)} if _in_main_thread() else {}
+    before = _handlers() if _in_main_thread() else {}
     taken = {number: handler for number, handler in before.items() if handler in plain}
     _StopSignals.forget()
-    for number in taken:
-        signal.signal(number, _StopSignals.interrupt)
     try:
+        for number in taken:
+            signal.signal(number, _StopSignals.interrupt)
         yield
     finally:
-        for number, handler in taken.items():
-            signal.signal(number, handler)
+        _restore(taken)
 
 
 @contextmanager
@@ -107,17 +106,17 @@ def noted_interrupt() -> Iterator[Callable[[], bool]]:
     def note(number: int, frame: FrameType | None) -> None:
         if _StopSignals.is_new():
             requested.set()
-            restore()
+            _restore(before)
 
-    def restore() -> None:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-    before = {number: signal.signal(number, note) for number in _handled_signals()}
+    before = _handlers()  # known before the first is replaced: a stop may come between any two
     try:
+        for number in before:
+            signal.signal(number, note)
+        if requested.is_set():
+            _restore(before)
         yield requested.is_set
     finally:
-        restore()
+        _restore(before)
 
 
 def stoppable(compute: Callable[[], T], is_stopped: Callable[[], bool] = lambda: False) -> T:
@@ -149,8 +148,9 @@ def stoppable(compute: Callable[[], T], is_stopped: Callable[[], bool] = lambda:
 
     threading.Thread(target=run, daemon=True).start()
     while not is_stopped():
-        with suppress(TimeoutError):
-            return found.result(_BETWEEN_QUESTIONS_S)
+        # What was computed may have failed with a TimeoutError of its own.
+        if wait([found], _BETWEEN_QUESTIONS_S).done:
+            return found.result()
     raise KeyboardInterrupt
 
 
@@ -170,16 +170,24 @@ def single_interrupt() -> Iterator[Callable[[], None]]:
     if not _in_main_thread():
         yield requested.set
         return
-    before = {number: signal.signal(number, interrupt) for number in _handled_signals()}
+    before = _handlers()
     try:
+        for number in before:
+            signal.signal(number, interrupt)
         yield requested.set
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        _restore(before)
 
 
-def _handled_signals() -> list[signal.Signals]:
-    return [n for n in (signal.SIGINT, *_REQUESTS) if signal.getsignal(n) is not signal.SIG_IGN]
+def _handlers() -> dict[signal.Signals, Any]:
+    """Handlers of the stops, but for what is ignored and for functions of C, which could not be restored."""
+    found = {number: signal.getsignal(number) for number in (signal.SIGINT, *_REQUESTS)}
+    return {number: handler for number, handler in found.items() if handler not in (None, signal.SIG_IGN)}
+
+
+def _restore(handlers: dict[signal.Signals, Any]) -> None:
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def _in_main_thread() -> bool:

@@ -269,3 +269,43 @@ def test_using_a_name_of_the_package_loads_numpy_and_no_other_library(name: str)
 )
 def test_names_that_are_loaded_late_are_there_as_any_others(code: str) -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+FIRST_NAMES_ON_THREADS = """
+import sys, threading, time
+from importlib.abc import MetaPathFinder
+
+begun, second_asks, loading = threading.Event(), threading.Event(), []
+
+class Watching(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name.startswith("sfmcpp."):
+            loading.append(threading.current_thread().name)
+            if not begun.is_set():
+                begun.set()
+                second_asks.wait()
+                time.sleep(0.2)  # in which the second would load what it could
+
+import sfmcpp
+sys.meta_path.insert(0, Watching())
+
+def first():
+    sfmcpp.geometry
+
+def second():
+    begun.wait()
+    second_asks.set()
+    sfmcpp.read
+
+threads = [threading.Thread(target=task, name=task.__name__) for task in (first, second)]
+threads[0].start()
+threads[1].start()
+for thread in threads:
+    thread.join()
+assert loading == sorted(loading) and set(loading) == {"first", "second"}, loading
+assert sfmcpp.geometry and sfmcpp.read
+"""
+
+
+def test_threads_load_the_names_that_they_use_first_one_after_the_other() -> None:
+    subprocess.run([sys.executable, "-c", FIRST_NAMES_ON_THREADS], check=True)

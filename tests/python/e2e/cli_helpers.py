@@ -11,12 +11,13 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
+from conftest import TIMEOUT_S
+
 import sfmcpp
 from sfmcpp.cli.main import main
 from sfmcpp.sources.synthetic import circle_scene, perturb
 
 COMMAND = (sys.executable, "-m", "sfmcpp")
-TIMEOUT_S = 120
 
 
 def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:

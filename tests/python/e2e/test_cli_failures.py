@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -202,6 +203,25 @@ def test_a_closed_stdout_or_stderr_does_not_stop_a_solve(tmp_path: Path) -> None
         assert (done.returncode, done.stderr) == (0, b""), closed
         assert sfmcpp.cost(sfmcpp.read(output)) < sfmcpp.cost(sfmcpp.read(source)) / 100
         output.unlink()
+
+
+LOGGING_LIBRARY = """
+import logging, sys
+from sfmcpp.cli import demo
+from sfmcpp.cli.main import main
+
+log = logging.getLogger("matplotlib.font_manager")
+demo.run_demo = lambda *_, **__: log.warning("building the font cache") or log.error("no font") or 0
+code = main(["demo"])
+log.warning("said again")
+sys.exit(code)
+"""
+
+
+def test_what_libraries_log_below_an_error_is_not_said() -> None:
+    command = [sys.executable, "-c", LOGGING_LIBRARY]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S)
+    assert (done.returncode, done.stderr) == (0, "no font\nsaid again\n")
 
 
 def test_a_reader_that_leaves_does_not_make_noise(tmp_path: Path) -> None:

@@ -11,7 +11,10 @@ import sys
 import threading
 import time
 import weakref
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import REPOSITORY
@@ -28,11 +31,20 @@ from cli_helpers import (
     strict_json,
     write_noisy_circle,
 )
-from sfmcpp.cli.interrupts import repeated_lost_interrupts
+from sfmcpp.cli.interrupts import (
+    noted_interrupt,
+    repeated_lost_interrupts,
+    single_interrupt,
+    stoppable,
+    termination_as_ctrl_c,
+)
 from sfmcpp.study import covariance_files
 
 # A row of the progress display after the start: the solve is then between two of its steps.
 FIRST_STEP = re.compile(rb"\n\s+1\s+\d\.\d+e")
+STEPS = re.compile(r"\n\s+(\d+)\s+\d\.\d+e")
+# Gradient descent takes thousands of steps: who interrupts it gets a turn before it comes to its end.
+ENDLESS = ("--method", "gradient-descent", "--function-tolerance", "0")
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +57,7 @@ def long_problem(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def interrupt_after_the_first_step(arguments: list[str | Path], *by: signal.Signals) -> tuple[int, str]:
     """Exit code, and all that was shown on a terminal, of a solve interrupted once it runs."""
     ours, theirs = pty.openpty()
-    command = [*COMMAND, "solve", *map(str, arguments), "--function-tolerance", "0"]
+    command = [*COMMAND, "solve", *map(str, arguments), *ENDLESS, "--max-iterations", "100000"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs) as process:
         os.close(theirs)
         shown, interrupted, deadline = b"", False, time.monotonic() + TIMEOUT_S
@@ -115,7 +127,8 @@ def test_an_interrupted_solve_with_checkpoints_goes_on_to_the_same_bytes(
     code, shown = interrupt_after_the_first_step([long_problem, "--checkpoint", kept], signal.SIGTERM)
     assert code == 130
     assert f"continue with --resume {kept}" in shown
-    limits = ("--quiet", "--function-tolerance", "0", "--max-iterations", "6")
+    last = max(int(row[1]) for row in STEPS.finditer(shown))
+    limits = ("--quiet", *ENDLESS, "--max-iterations", str(last + 3))
     assert run("solve", long_problem, "-o", out, "--resume", kept, *limits).returncode == 0
     assert run("solve", long_problem, "-o", whole, *limits).returncode == 0
     assert out.read_bytes() == whole.read_bytes()
@@ -194,6 +207,57 @@ def test_an_interrupt_that_was_lost_comes_before_the_command_has_ended() -> None
     with pytest.raises(KeyboardInterrupt), repeated_lost_interrupts():
         lose_an_interrupt()
     time.sleep(0.05)  # nothing comes any more
+
+
+def stop_once_set(patch: pytest.MonkeyPatch, number: signal.Signals) -> None:
+    """Let a stop come right after its handler is set the next time."""
+    set_handler, sent = signal.signal, []
+
+    def set_and_stop(which: signal.Signals, handler: Any) -> Any:
+        before = set_handler(which, handler)
+        if which == number and not sent:
+            sent.append(which)
+            signal.raise_signal(which)
+        return before
+
+    patch.setattr(signal, "signal", set_and_stop)
+
+
+def handlers() -> list[Any]:
+    return [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_while_handlers_are_set_is_noted_and_the_next_one_ends_at_once(
+    monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    with termination_as_ctrl_c():
+        before = handlers()
+        stop_once_set(monkeypatch, number)
+        with noted_interrupt() as asked_to_stop:
+            assert asked_to_stop()
+            assert handlers() == before
+        assert handlers() == before
+
+
+@pytest.mark.parametrize("held", [single_interrupt, termination_as_ctrl_c])
+def test_handlers_are_restored_after_a_stop_while_they_are_set(
+    monkeypatch: pytest.MonkeyPatch, held: Callable[[], AbstractContextManager[Any]]
+) -> None:
+    before = handlers()
+    stop_once_set(monkeypatch, signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), held():
+        raise AssertionError("not stopped")
+    assert handlers() == before
+
+
+def test_a_timeout_of_what_is_computed_is_raised_as_it_is() -> None:
+    def compute() -> None:
+        raise TimeoutError("of its own")
+
+    asked: list[int] = []
+    with pytest.raises(TimeoutError, match="of its own"):
+        stoppable(compute, lambda: asked.append(0) is None and len(asked) > 100)
 
 
 @pytest.mark.parametrize(

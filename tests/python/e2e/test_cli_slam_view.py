@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
-from urllib.error import URLError
 from urllib.request import urlopen
 
 import numpy as np
@@ -41,8 +40,6 @@ def test_the_page_stays_after_the_run_until_ctrl_c(drive: Path, tmp_path: Path) 
         process.send_signal(signal.SIGINT)
         output, complaints = process.communicate(timeout=TIMEOUT_S)
     assert (process.returncode, complaints) == (0, "")
-    with pytest.raises(URLError):
-        urlopen(match[1])
     # Its results are those of a run that nobody watches, and nothing else is printed.
     assert run("slam", drive, "--quiet", "-o", tmp_path / "unseen").returncode == 0
     for name in ("trajectory.txt", "keyframes.txt", "points.ply"):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import TIMEOUT_S
 
 pytest.importorskip("matplotlib", reason="experiments draw pictures: needs the extra 'plot'")
 pytest.importorskip("poselib", reason="SLAM needs the extra 'slam'")
@@ -39,7 +40,7 @@ for kind, count in (("orientations", 2), ("constant-orientations", 1), ("courses
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = tmp_path_factory.mktemp("drives")
     command = [sys.executable, "-W", "error", "-c", PROGRAM, str(found)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=BENCH)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, cwd=BENCH)
     assert result.returncode == 0, result.stderr
     (found / "progress.txt").write_text(result.stderr)
     return found

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import TIMEOUT_S
 
 from cli_helpers import strict_json
 
@@ -31,7 +32,7 @@ CONVERGENCE_FIELDS = {
 def run(*arguments: str | Path, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [*COMMAND, *map(str, arguments)]
     variables = {**os.environ, **environment}
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
+    return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, env=variables)
 
 
 def without_seconds(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import TIMEOUT_S
 from scipy.stats import binomtest
 
 pytest.importorskip("matplotlib", reason="experiments draw pictures: needs the extra 'plot'")
@@ -35,7 +36,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """Folder of the files, and what was printed."""
     folder = tmp_path_factory.mktemp("factorisation")
     command = [sys.executable, "-W", "error", "-c", PROGRAM, str(folder)]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=BENCH)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, cwd=BENCH)
     assert result.returncode == 0, result.stderr
     return folder, result.stdout
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import TIMEOUT_S
 
 import sfmcpp
 from cli_helpers import is_one_error_line, run_here, strict_json, write_noisy_circle
@@ -21,7 +22,6 @@ from sfmcpp.sources.synthetic import corridor_scene, perturb
 HERE = Path(__file__).parent
 TESTS = HERE.parent
 MPIEXEC = Path(sys.executable).parent / "mpiexec"
-TIMEOUT_S = 240
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("mpi4py") is None or not MPIEXEC.exists(),

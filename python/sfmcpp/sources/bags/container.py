@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from sfmcpp.errors import DatasetError, SfmcppError
+from sfmcpp.model.process_state import SharedChange
 from sfmcpp.sources.io.files import (
     expands_too_far,
     failures_named,
@@ -156,7 +157,7 @@ def open_bag(path: str | os.PathLike[str]) -> Iterator[Bag]:
     """
     source = Path(path)
     make = _reader_of(source)
-    with _bounded_expansion():
+    with _BOUNDED_EXPANSION.made():
         with _faults_named(source):
             reader = make(source)
             reader.open()
@@ -239,18 +240,21 @@ def _definitions(ros: int) -> Any:
     return store
 
 
-@contextmanager
-def _bounded_expansion() -> Iterator[None]:
-    """Bound what the library decompresses inside the block: its own functions know no limit."""
+def _bound_expansion() -> Callable[[], None]:
+    """Bound what the library decompresses, until the function returned is called: its own know no limit."""
     tables = _bounded_tables()
-    before = [{name: table[name] for name in bounded} for table, bounded in tables]
+    before = [(table, {name: table[name] for name in bounded}) for table, bounded in tables]
     for table, bounded in tables:
         table.update(bounded)
-    try:
-        yield
-    finally:
-        for (table, _), own in zip(tables, before, strict=True):
+
+    def restore() -> None:
+        for table, own in before:
             table.update(own)
+
+    return restore
+
+
+_BOUNDED_EXPANSION = SharedChange(_bound_expansion)
 
 
 def _bounded_tables() -> list[tuple[dict[str, Any], dict[str, Any]]]:

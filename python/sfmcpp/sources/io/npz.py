@@ -6,11 +6,11 @@ have members of their own, ``extra.NAME.npy``.
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import math
 import struct
-import warnings
 import zipfile
 from collections import Counter
 from collections.abc import Mapping
@@ -25,6 +25,7 @@ from sfmcpp.ba.parts import COLORS, OBSERVATION_ROWS, POINT_ROWS
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Metadata, Problem, Rigs
+from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import require_image_sizes, require_metadata_length, require_valid
 from sfmcpp.sources.io.files import expands_too_far, largest_expansion, open_content
@@ -220,8 +221,7 @@ def read_members(path: Path) -> dict[str, NDArray[Any]]:
         if file.read(len(_ZIP_MAGIC)) != _ZIP_MAGIC:
             raise DatasetError(path, "wrong magic: an .npz file is a zip archive and starts with 'PK'")
         try:
-            with warnings.catch_warnings(), zipfile.ZipFile(file) as archive:
-                warnings.simplefilter("error")
+            with zipfile.ZipFile(file) as archive:
                 _require_plausible_sizes(path, archive, size, limit)
                 _require_each_once(path, archive)
                 return {
@@ -280,7 +280,15 @@ def _read_npy_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype
     read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in read:
         raise ValueError(f"a member of npy version {'.'.join(map(str, version))}: must be 1.0 or 2.0")
-    return read[version](member)
+    length = member.read(2 if version == (1, 0) else 4)
+    header = member.read(int.from_bytes(length, "little"))
+    with without_warnings():  # of escapes in damaged headers, and of what is refused here
+        found = read[version](io.BytesIO(length + header))
+        try:
+            ast.literal_eval(header.decode("latin1"))
+        except SyntaxError:
+            raise ValueError("an array has a header of Python 2") from None
+    return found
 
 
 def _json(path: Path, array: NDArray[Any]) -> dict[str, Any]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, suppress
+from functools import partial
 from io import BytesIO
 from pathlib import Path
-from threading import Lock
 from types import ModuleType
 from typing import Any
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.photos import natural_order
+from sfmcpp.model.process_state import SharedChange, without_warnings
 from sfmcpp.sources.io.files import MAX_IMAGE, failures_named, largest_image
 
 GreyImage = NDArray[np.uint8]
@@ -29,8 +29,6 @@ VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 _MOST_HINTS = 3
 # Bits that cameras measure, and files of 16 bits hold as they are.
 _SENSOR_BITS = (8, 10, 12, 14)
-# Pillow's limit and Python's filter of warnings are those of the process.
-_OPENING = Lock()
 
 
 def load_cv2() -> ModuleType:
@@ -47,16 +45,19 @@ def load_cv2() -> ModuleType:
     return module
 
 
-@contextmanager
-def one_opencv_thread() -> Iterator[None]:
-    """Inside, OpenCV works in the thread that calls it: for programs that call it from several at once."""
+def _set_one_opencv_thread() -> Callable[[], None]:
     cv2 = load_cv2()
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
+    return partial(cv2.setNumThreads, before)
+
+
+_ONE_OPENCV_THREAD = SharedChange(_set_one_opencv_thread)
+
+
+def one_opencv_thread() -> AbstractContextManager[None]:
+    """Inside, OpenCV works in the thread that calls it: for programs that call it from several at once."""
+    return _ONE_OPENCV_THREAD.made()
 
 
 def load_pillow() -> ModuleType:
@@ -79,8 +80,7 @@ def open_image(file: Path, data: bytes) -> Any:
     """
     pillow = load_pillow()
     # Pillow's own limit warns of photos that are no attack, for all threads.
-    with _OPENING, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with without_warnings():  # alone: the limit, too, is that of the process
         before, pillow.MAX_IMAGE_PIXELS = pillow.MAX_IMAGE_PIXELS, None  # type: ignore[attr-defined]
         try:
             image = pillow.open(BytesIO(data))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.checks import require_count
 from sfmcpp.model.photos import Photo
+from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.vision.exif import exif_facts
@@ -279,8 +279,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
         raise DatasetError(file, f"the name of an image {fault}")
     data = _bytes_of(file)
     # Pillow warns of damaged EXIF blocks; they count as not there.
-    with _opened_image(file, data) as image, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with _opened_image(file, data) as image, without_warnings():
         facts, size = exif_facts(image), image.size
     return Photo(
         name,

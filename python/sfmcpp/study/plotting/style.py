@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
@@ -14,6 +13,7 @@ from matplotlib.figure import Figure
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import checked
+from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.atomic import atomic_files
 
 # Okabe and Ito, "Color universal design" (2008): told apart by colour-blind readers too.
@@ -103,9 +103,9 @@ def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
     name = figure_format(path)
     with (
         atomic_files(Path(path)) as (stream,),
-        matplotlib.rc_context({"svg.hashsalt": "sfmcpp"}),
-        warnings.catch_warnings(),
-    ):
         # Names may be in any script; what the font lacks is drawn as a box.
-        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        without_warnings("Glyph .* missing from"),
+        # Of the process, too: one thread at a time sets it.
+        matplotlib.rc_context({"svg.hashsalt": "sfmcpp"}),
+    ):
         figure.savefig(stream, format=name, metadata=_UNDATED[name])

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from conftest import TIMEOUT_S
 
 import sfmcpp
 from sfmcpp import InvalidArgument
@@ -48,7 +49,7 @@ for way in [copy.deepcopy, *(lambda m, k=k: pickle.dumps(m, k) for k in range(6)
 @pytest.mark.parametrize("script", [THREADS, PICKLE], ids=["threads", "pickle"])
 def test_no_process_is_lost(script: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-c", MADE + script], capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, "-c", MADE + script], capture_output=True, text=True, timeout=TIMEOUT_S, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
 

@@ -8,10 +8,11 @@ from queue import Queue
 from threading import Barrier
 from typing import Any, TypeVar
 
+from conftest import TIMEOUT_S
+
 from sfmcpp.ba.ranks import Ranks
 
 T = TypeVar("T")
-TIMEOUT_S = 60.0
 
 
 class _Shared:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from sfmcpp import InvalidArgument
+from sfmcpp import InvalidArgument, circle_scene
 from sfmcpp.geometry import Similarity
 from sfmcpp.map import LocalProblem, Map
 
@@ -364,3 +364,10 @@ def test_what_grows_keeps_what_it_had() -> None:
     np.testing.assert_array_equal(world.points[:, 0], np.repeat(np.arange(100), np.arange(100)))
     np.testing.assert_array_equal(world.point_colors[:, 2], world.points[:, 2])
     assert world.point_errors.tolist() == [-1.0] * 4950
+
+
+@pytest.mark.parametrize("model", ["perspective", "calibrated", "bal"])
+def test_what_is_free_of_a_new_camera_is_what_is_free_of_a_problem(model: str) -> None:
+    world, problem = Map(model), circle_scene(3, 20, camera_model=model)
+    world.add_cameras(problem.intrinsics)
+    np.testing.assert_array_equal(world.fixed_intrinsics, problem.fixed_intrinsics)

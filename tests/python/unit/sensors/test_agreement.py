@@ -48,6 +48,14 @@ def test_what_was_not_measured_is_no_acceleration() -> None:
     require_agreement([speed, rates])
 
 
+def test_before_both_streams_have_begun_there_is_no_acceleration() -> None:
+    t_s = np.arange(0.0, 40.0, 0.1)
+    pace = SensorStream(t_s, np.where(t_s < 19, 30.0, 2.0)[:, None], "speed")
+    rates = np.zeros((200, 3))
+    rates[:, 1] = np.where(np.arange(200) < 20, 1.0, 0.0)
+    require_agreement([pace, SensorStream(t_s[200:], rates, "angular_rate")])
+
+
 def test_a_body_that_spins_while_it_flies_straight_on_is_possible() -> None:
     """A drone at 10 m/s that turns about itself at 240°/s: nothing pushes it across, unless the other way."""
     t_s = np.arange(0.0, 20.0, 0.04)

@@ -17,7 +17,7 @@ from sfmcpp.sensors import (
     position_at,
     smoothed_positions,
 )
-from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M, middle_of
+from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M, doubt_of_radians, middle_of
 
 SEMI_MINOR_AXIS_M = 6_356_752.314245  # NIMA TR8350.2, table 3.3
 
@@ -152,3 +152,9 @@ def test_smoothing_does_not_reach_over_gaps_and_leaves_sparse_positions_alone() 
     np.testing.assert_array_equal(smoothed_positions(SensorStream(t_s, way, "position")).values, way)
     sparse = SensorStream(np.arange(20.0), np.random.default_rng(1).normal(size=(20, 3)), "position")
     np.testing.assert_array_equal(smoothed_positions(sparse).values, sparse.values)
+
+
+def test_places_of_any_height_may_be_in_radians() -> None:
+    origin, places = np.array([0.85, 0.15, 400.0]), np.array([[0.0, 0.0, 0.0], [10.0, 5.0, 5_000.0]])
+    assert len(doubt_of_radians(origin, places)) == 1
+    assert doubt_of_radians(origin, places[:, [2, 1, 0]]) == []

@@ -7,7 +7,14 @@ import pytest
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import SensorStream
-from sfmcpp.sensors import displaced_positions, longest_lost_fix, without_leaps, without_repeats
+from sfmcpp.model.sensor_stream import FASTEST_M_S
+from sfmcpp.sensors import (
+    displaced_positions,
+    longest_lost_fix,
+    position_jumps,
+    without_leaps,
+    without_repeats,
+)
 from sfmcpp.slam import Gps
 
 ASIDE = np.array([9.0, -12.0, 0.0])  # 15 m
@@ -39,6 +46,14 @@ def test_a_stretch_that_is_displaced_is_found_to_within_two_positions(seed: int)
     displaced = (t_s >= 12) & (t_s < 18)
     marked = found(t_s, places + np.outer(displaced, ASIDE), seed)
     assert np.count_nonzero(marked != displaced) <= 2
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_positions_between_two_displaced_stretches_are_kept(seed: int) -> None:
+    t_s, places = winding_way()
+    displaced = ((t_s >= 8) & (t_s < 11)) | ((t_s >= 16) & (t_s < 19))
+    marked = found(t_s, places + np.outer(displaced, ASIDE), seed)
+    assert np.count_nonzero(marked != displaced) <= 4
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -100,6 +115,14 @@ def test_positions_far_from_where_they_can_be_are_left_out(lost: list[int]) -> N
     kept = without_leaps(stream)
     np.testing.assert_array_equal(kept.t_s, np.delete(stream.t_s, lost))
     assert kept.max_gap_s == stream.max_gap_s
+
+
+@pytest.mark.parametrize(("share", "is_left_out"), [(0.9, False), (1.2, True)])
+def test_what_a_vehicle_can_drive_in_the_time_is_no_leap(share: float, is_left_out: bool) -> None:
+    t_s, places = 0.1 * np.arange(60), np.zeros((60, 3))
+    places[30, 0] = share * (0.1 * FASTEST_M_S + position_jumps._NOISE_SIGMAS * position_jumps._LEAST_SIGMA_M)
+    kept = without_leaps(SensorStream(t_s, places, "position")).t_s
+    np.testing.assert_array_equal(kept, np.delete(t_s, 30) if is_left_out else t_s)
 
 
 def test_of_two_places_that_cannot_both_be_the_one_with_more_positions_is_believed() -> None:

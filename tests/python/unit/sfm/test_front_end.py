@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -214,14 +215,17 @@ def test_a_cache_that_cannot_be_written_is_named_and_costs_no_photo(tmp_path: Pa
 def test_every_stage_tells_its_progress_and_its_time(tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     seconds = {"features": 100.0}
+    begin = time.perf_counter()
     graph_of(write_set(tmp_path, 2), seconds=seconds, progress=lambda *all: bool(told.append(all)))  # type: ignore[func-returns-value]
+    elapsed = time.perf_counter() - begin
     assert told == [
         ("features", 0, 2), ("features", 1, 2), ("features", 2, 2), ("pairs", 0, 1), ("pairs", 1, 1),
         ("matching", 0, 1), ("matching", 1, 1), ("geometry", 0, 1), ("geometry", 1, 1),
     ]  # fmt: skip
     assert list(seconds) == ["features", "pairs", "matching", "geometry"]
     assert seconds["features"] > 100
-    assert all(0 < time < 60 for stage, time in seconds.items() if stage != "features")
+    assert min(seconds.values()) > 0
+    assert sum(seconds.values()) - 100 < elapsed
 
 
 def test_photos_that_cannot_be_decoded_are_left_out_with_their_reasons(tmp_path: Path) -> None:

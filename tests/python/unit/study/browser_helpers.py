@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import TIMEOUT_S
 from matplotlib.image import imread
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 OPTIONS = ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--window-size=1000,700")
 # What draws in three dimensions without a graphics card.
 SOFTWARE_3D = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-TIMEOUT_S = 120
 
 Ask = Callable[..., dict[str, Any]]
 

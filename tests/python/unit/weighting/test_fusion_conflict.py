@@ -10,7 +10,7 @@ from scipy.stats import chi2, norm
 
 from fusion_helpers import Array, Drive, error_vector, make_drive, moved, project
 from sfmcpp.weighting import PoseConstraint, conflict, declared_weight, refine_pose
-from sfmcpp.weighting.conflict import equivalent_sigmas
+from sfmcpp.weighting.conflict import CONFLICT_SIGMAS, _sigma_limit, equivalent_sigmas
 
 
 def numeric_jacobian(f, size: int = 6, step: float = 1e-6) -> Array:  # type: ignore[no-untyped-def]
@@ -126,3 +126,9 @@ def test_a_conflict_is_judged_by_the_slack_of_a_sensor_its_weight_is_not() -> No
     assert told.squared_mahalanobis == pytest.approx(conflict(drive.view, wide, pose).squared_mahalanobis)
     assert told.sigmas < conflict(drive.view, strict, pose).sigmas
     assert declared_weight(lax, 40, 1.0) == declared_weight(strict, 40, 1.0)
+
+
+def test_few_members_raise_the_limit_of_the_worst_and_so_do_many_numbers() -> None:
+    few, more, all_but_endless = (_sigma_limit(1, members) for members in (4, 16, 10**8))
+    assert few > more > all_but_endless == pytest.approx(CONFLICT_SIGMAS, rel=1e-3)
+    assert _sigma_limit(20, 16) > more

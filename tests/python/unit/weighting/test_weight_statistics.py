@@ -69,6 +69,18 @@ def test_the_redundancy_of_a_group_is_that_of_the_dense_hat_matrix(
     assert found.redundancy.groups[0] == pytest.approx(18 - np.trace(hat), abs=1e-4)
 
 
+@pytest.mark.parametrize("factor", [0.1, 4.0])
+def test_the_minimum_of_the_model_is_nearly_that_of_a_fit_at_another_weight(
+    at_truth: tuple[WeightFits, WeightFit, Array, ConstraintGroup], factor: float
+) -> None:
+    fits, fit, weights, _ = at_truth
+    found = FitStatistics(fits, fit.problem, factor * weights).fit
+    expected = fits.fit(factor * weights, fit.problem)
+    assert abs(expected.images - fit.images) > 2
+    assert found.images == pytest.approx(expected.images, rel=1e-4)
+    np.testing.assert_allclose(found.errors, expected.errors, rtol=1e-3)
+
+
 def test_of_a_large_problem_the_images_lose_no_freedom_to_where_the_world_is(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

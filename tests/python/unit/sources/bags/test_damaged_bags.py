@@ -107,6 +107,19 @@ def _reason_to_refuse(path: Path, out: Path) -> str:
     return ""
 
 
+def test_of_two_bags_open_at_once_the_one_that_is_left_is_still_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, last = write(tmp_path, "lz4.bag"), write(tmp_path, "message.db3", side=1500)
+    one = open_bag(first)
+    one.__enter__()
+    with open_bag(last) as other:
+        one.__exit__(None, None, None)
+        monkeypatch.setenv("SFMCPP_MAX_EXPANDED_MB", "1")
+        with pytest.raises(DatasetError, match="SFMCPP_MAX_EXPANDED_MB"):
+            list(other.messages(["/image"]))
+
+
 @pytest.mark.parametrize("name", COMPRESSED)
 def test_no_compressed_data_expand_without_limit(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
@@ -127,6 +140,12 @@ def test_the_library_is_left_as_it_was(tmp_path: Path) -> None:
     tables = (reader1.decompressors, storage_mcap.DECOMPRESSORS, vars(reader2))
     before = [dict(table) for table in tables]
     unpack_bag(write(tmp_path, "lz4.bag"), tmp_path / "out")
+    assert [dict(table) for table in tables] == before
+    one, other = open_bag(tmp_path / "lz4.bag"), open_bag(write(tmp_path, "plain.db3"))
+    for step in (one.__enter__, other.__enter__):
+        step()
+    for bag in (one, other):
+        bag.__exit__(None, None, None)
     assert [dict(table) for table in tables] == before
 
 

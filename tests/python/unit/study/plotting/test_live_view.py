@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.request import urlopen
 
 import numpy as np
@@ -131,10 +132,22 @@ def test_more_points_than_a_browser_likes_are_thinned_evenly(
     assert 50 < view.num_points <= 100
 
 
-def test_a_picture_is_not_due_right_after_another(view: LiveView, result: SlamResult) -> None:
-    assert view.due
-    view.show(result, "")
-    assert not view.due
+def test_ten_pictures_a_second_are_due_and_fewer_where_they_take_long(
+    view: LiveView, result: SlamResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock: list[float] = []
+    monkeypatch.setattr(live_view, "time", SimpleNamespace(perf_counter=lambda: clock.pop(0)))
+
+    def is_due(at_s: float) -> bool:
+        clock.append(at_s)
+        return view.due
+
+    assert is_due(7.0)
+    for began_s, ended_s, next_s in ((7.0, 7.001, 7.1), (8.0, 8.5, 18.0)):
+        clock.extend([began_s, ended_s])
+        view.show(result, "")
+        assert not is_due(next_s - 0.001)
+        assert is_due(next_s + 0.001)
 
 
 def test_a_run_without_a_map_shows_its_status_alone(view: LiveView) -> None:

@@ -1,0 +1,55 @@
+"""What belongs to the whole process and is changed for a while, by several threads at once."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Lock, RLock
+
+_FILTERS = RLock()
+
+
+@contextmanager
+def without_warnings(message: str = "") -> Iterator[None]:
+    """Inside, no warnings; one thread at a time is inside.
+
+    Two at once would each restore what the other had set: its filters would stay.
+
+    Parameters
+    ----------
+    message : str
+        Regular expression that the beginning of a warning must match. Default: all are left out.
+    """
+    with _FILTERS, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message)
+        yield
+
+
+class SharedChange:
+    """A change that the first thread inside makes, and that the last one takes back.
+
+    Parameters
+    ----------
+    make : callable
+        Makes it, and returns what takes it back.
+    """
+
+    def __init__(self, make: Callable[[], Callable[[], None]]) -> None:
+        self._make, self._lock, self._inside = make, Lock(), 0
+        self._take_back: Callable[[], None] = lambda: None
+
+    @contextmanager
+    def made(self) -> Iterator[None]:
+        """Inside, the change is made."""
+        with self._lock:
+            if not self._inside:
+                self._take_back = self._make()
+            self._inside += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._inside -= 1
+                if not self._inside:
+                    self._take_back()
