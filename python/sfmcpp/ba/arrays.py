@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy
 from typing import Any, Literal
 
 import numpy as np
@@ -32,12 +33,31 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
 
     They say where the core reads and writes, while a callback or another thread may change the caller's.
     """
-    if not isinstance(problem, Problem):
-        raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
+    require_problem(problem)
     rigs = remade(problem).rigs  # and the shapes are right: the core compares sizes
     views = {name: getattr(problem, name) for name in _NUMBERS}
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
     return {"camera_model": _core_model(problem), **views, **copies, **_rig_arrays(rigs)}
+
+
+def require_problem(problem: object) -> None:
+    """Raise InvalidArgument for anything else."""
+    if not isinstance(problem, Problem):
+        raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
+
+
+def with_own_fields(problem: Problem) -> Problem:
+    """The same arrays in a problem of its own, which is not changed by what is assigned to fields later.
+
+    Raises
+    ------
+    InvalidArgument
+        If it is no problem.
+    """
+    require_problem(problem)
+    own = copy(problem)
+    own.rigs, own.metadata = copy(problem.rigs), copy(problem.metadata)
+    return own
 
 
 def _core_model(problem: Problem) -> str | _core.CoreCameraFunction:

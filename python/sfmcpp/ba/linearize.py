@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sfmcpp import _core
-from sfmcpp.ba.arrays import chosen_numbers, core_arrays, core_constraints
+from sfmcpp.ba.arrays import chosen_numbers, core_arrays, core_constraints, with_own_fields
 from sfmcpp.ba.linear_results import (
     ConstraintRows,
     Covariance,
@@ -102,7 +102,7 @@ class LinearModel:
         options: SolveOptions,
         ridge: float = 0.0,
     ) -> None:
-        groups = checked_groups(constraints)
+        groups, problem = checked_groups(constraints), with_own_fields(problem)
         arrays = {**core_arrays(problem), "constraints": core_constraints(groups, problem)}
         self._problem, self._core = problem, _core.CoreLinearModel(arrays, options, ridge)
         self.camera_index, self.point_index = arrays["camera_index"], arrays["point_index"]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from typing import Any
 
-from sfmcpp.cli.console import ExitCode, in_words, print_error, print_interrupted
+from sfmcpp.cli.console import ExitCode, discard_output, in_words, print_error, print_interrupted
 from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
 from sfmcpp.cli.mpi_launch import is_said_by_another
 from sfmcpp.cli.reading_apart import is_read_apart, solve_as_read_apart
@@ -97,6 +97,11 @@ def _dispatch(arguments: list[str]) -> int:
         return print_interrupted()
     except SystemExit:  # whoever read the help has gone; commands end so themselves
         return ExitCode.DONE
+    except OSError as error:  # commands tell their own: typer writes the help
+        if error.filename is not None or error.strerror is None:
+            raise
+        discard_output(sys.stdout)
+        raise OSError(f"standard output: {error.strerror}") from None
     # Typer prints nothing on Ctrl-C while it reads arguments; a command has printed its own line.
     if result == ExitCode.INTERRUPTED and not isinstance(result, ExitCode):
         return print_interrupted()

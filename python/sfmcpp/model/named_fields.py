@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 class NamedFields:
     """Base of data classes whose fields may be set, and nothing else: a misspelt one would have no effect.
 
-    Properties and names that begin with an underscore are left to Python.
+    No field can be deleted: what reads it would fail. Properties and names that begin with an underscore are
+    left to Python.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -23,6 +24,12 @@ class NamedFields:
             kind = type(self).__name__
             raise AttributeError(f"{kind} has no field {name!r}{meant(name, known)}", name=name)
         super().__setattr__(name, value)
+
+    def __delattr__(self, name: str) -> None:
+        if name in self.__dataclass_fields__:
+            kind = type(self).__name__
+            raise AttributeError(f"{kind}: the field {name!r} cannot be deleted", name=name)
+        super().__delattr__(name)
 
 
 def meant(name: str, known: Collection[str]) -> str:

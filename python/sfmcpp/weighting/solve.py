@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
+from sfmcpp.ba.arrays import with_own_fields
 from sfmcpp.ba.check import check_part
 from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.ba.contradictions import contradiction_warnings
@@ -133,14 +135,14 @@ def solve(
         require_alike(ranks, {name: bool(k) for name, k in zip(("checkpoint", "resume"), kept, strict=True)})
         return _solve_on_ranks(problem, groups, weight, settings, ranks, callback, *kept)
     groups, settings = _checked_arguments(constraints, callback, options)
-    if problem is None:
-        raise InvalidArgument("problem = None: must be a Problem")
+    given = with_own_fields(cast(Problem, problem))  # a callback may assign to those of the caller
     limit = TimeLimit(settings.max_seconds)
-    weights = _choose_weights(problem, groups, weight, settings)
+    weights = _choose_weights(given, groups, weight, settings)
     if weight is not None:
         settings = SolveOptions.from_dict(limit.of(settings.to_dict()))
-    summary = adjust(problem, groups, settings, callback, checkpoint, resume)
-    return weights.describe(summary, contradiction_warnings(problem, groups, summary, settings))
+    own = [copy(group) for group in groups]
+    summary = adjust(given, own, settings, callback, checkpoint, resume)
+    return weights.describe(summary, contradiction_warnings(given, own, summary, settings))
 
 
 def _checked_arguments(

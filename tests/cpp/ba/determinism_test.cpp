@@ -1,5 +1,7 @@
 // The same bits for every run and every number of threads.
 #include <ostream>
+#include <thread>
+#include <vector>
 
 #include <gtest/gtest.h>
 
@@ -59,6 +61,27 @@ TEST_P(Determinism, StatesHaveTheSameBitsForEveryNumberOfThreadsAndEveryRun) {
     EXPECT_EQ(state.cameras, reference.cameras) << threads << " threads";
     EXPECT_EQ(state.intrinsics, reference.intrinsics) << threads << " threads";
     EXPECT_EQ(state.points, reference.points) << threads << " threads";
+  }
+}
+
+// They share the arrays of the problem, and one pool at a time is left for the next of them.
+TEST_P(Determinism, SolvesOfSeveralThreadsAtOnceHaveTheBitsOfOneAlone) {
+  constexpr int kCallers = 4, kSolvesOfEach = 3;
+  const support::OwnedProblem problem = scene();
+  const State reference = solved(problem, 1);
+  std::vector<State> states(kCallers * kSolvesOfEach);
+  std::vector<std::thread> callers;
+  for (int caller = 0; caller < kCallers; ++caller) {
+    callers.emplace_back([&, caller] {
+      for (int k = 0; k < kSolvesOfEach; ++k)
+        states[caller * kSolvesOfEach + k] = solved(problem, 1 + (caller + k) % 3);
+    });
+  }
+  for (std::thread& caller : callers) caller.join();
+  for (const State& state : states) {
+    EXPECT_EQ(state.cameras, reference.cameras);
+    EXPECT_EQ(state.intrinsics, reference.intrinsics);
+    EXPECT_EQ(state.points, reference.points);
   }
 }
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 import sfmcpp
-from sfmcpp import InvalidArgument, Problem, _core
+from sfmcpp import ConstraintGroup, InvalidArgument, Problem, _core
 from sfmcpp.ba.arrays import core_arrays
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.weighting import PoseConstraint, PoseView
@@ -55,6 +56,40 @@ def test_no_callback_resizes_what_the_core_reads_and_writes(name: str) -> None:
     with pytest.raises(ValueError, match="cannot resize an array"):
         sfmcpp.solve(problem, callback=lambda _: array.resize((1, *size[1:]), refcheck=False))
     assert array.shape == size
+
+
+FIELDS = [field.name for field in fields(Problem)]
+
+
+@pytest.mark.parametrize("value", [None, 5, np.zeros(3), np.zeros((0, 2)), "x"])
+@pytest.mark.parametrize("name", FIELDS)
+def test_what_a_callback_assigns_to_fields_changes_nothing(name: str, value: object) -> None:
+    calm, changed = scene(), scene()
+    for problem in (calm, changed):
+        problem.metadata.image_sizes = np.tile([[1000, 1000]], (6, 1))
+    group = ConstraintGroup("position", np.arange(6), calm.centres, sigma=0.1)
+    unknowns = changed.cameras, changed.intrinsics, changed.points
+
+    def assign(_: object) -> None:
+        setattr(changed, name, value)
+        group.cameras = group.values = group.member_weights = None  # type: ignore[assignment]
+
+    expected = sfmcpp.solve(calm, constraints=[replace(group)], loss="huber")
+    found = sfmcpp.solve(changed, constraints=[group], loss="huber", callback=assign)
+    assert found.final_cost == expected.final_cost
+    assert found.warnings == expected.warnings
+    for array, wanted in zip(unknowns, (calm.cameras, calm.intrinsics, calm.points), strict=True):
+        np.testing.assert_array_equal(array, wanted)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_linear_model_heeds_nothing_that_is_assigned_later(name: str) -> None:
+    problem = scene()
+    model = sfmcpp.linearize(problem)
+    expected, told = model.step().problem, repr(model)
+    setattr(problem, name, None)
+    np.testing.assert_array_equal(model.step().problem.cameras, expected.cameras)
+    assert (repr(model), len(model.parameter_names)) == (told, model.camera_columns.shape[1])
 
 
 def test_indices_changed_by_another_thread_end_in_nothing_worse_than_an_error() -> None:

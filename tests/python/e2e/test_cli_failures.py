@@ -242,7 +242,7 @@ def test_a_full_disk_under_stdout_is_one_line(tmp_path: Path, arguments: str) ->
     )
     assert done.returncode == 2
     assert is_one_error_line(done)
-    assert "No space left" in done.stderr
+    assert "standard output: No space left on device" in done.stderr
 
 
 def test_an_encoding_without_the_table_s_characters_does_not_stop_a_solve(

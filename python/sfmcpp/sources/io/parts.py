@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -177,11 +177,12 @@ def write_parts(problem: Problem, folder: Path, count: int = _DEFAULT_COUNT) -> 
     """
     if not 1 <= count <= _MOST_PARTS:
         raise InvalidArgument(f"parts = {count}: must be from 1 to {_MOST_PARTS}")
-    _make_folder(folder)
     require_valid(problem, folder)
     parts = partition_points(problem, count)
-    entries = [_write(part_of(problem, np.flatnonzero(parts == k)), folder, k) for k in range(count)]
-    _write_cameras_and_list(folder, problem, entries)
+    with _unlisted_removed_on_failure(folder) as new:
+        _make_folder(folder)
+        entries = [_write(part_of(problem, np.flatnonzero(parts == k)), folder, k, new) for k in range(count)]
+        _write_cameras_and_list(folder, problem, entries, new)
 
 
 def write_own_part(part: Part, folder: Path, ranks: Ranks) -> None:
@@ -192,10 +193,36 @@ def write_own_part(part: Part, folder: Path, ranks: Ranks) -> None:
     DatasetError
         As :func:`write_parts`, on all ranks.
     """
-    ranks.from_root(lambda: _make_folder(folder))
-    ranks.agreed(lambda: remove_leftovers(Path(os.path.realpath(folder))))
-    entries = ranks.everyones(ranks.agreed(lambda: _write(part, folder, ranks.rank)))
-    ranks.from_root(lambda: _write_cameras_and_list(folder, part.problem, entries))
+    with _unlisted_removed_on_failure(folder) as new:
+        ranks.from_root(lambda: _make_folder(folder))
+        ranks.agreed(lambda: remove_leftovers(Path(os.path.realpath(folder))))
+        entries = ranks.everyones(ranks.agreed(lambda: _write(part, folder, ranks.rank, new)))
+        ranks.from_root(lambda: _write_cameras_and_list(folder, part.problem, entries, new))
+
+
+@contextmanager
+def _unlisted_removed_on_failure(folder: Path) -> Iterator[list[Path]]:
+    """Give a list for files that the block makes; if it fails, those that parts.json does not name go.
+
+    So does the folder if it was missing before and is empty then.
+    """
+    with failures_named(folder):
+        was_missing = not folder.exists()
+    new: list[Path] = []
+    try:
+        yield new
+    except BaseException:
+        listed = b""
+        with suppress(OSError):
+            listed = (folder / LIST).read_bytes()
+        for path in new:
+            if path.name.encode() not in listed:
+                with suppress(OSError):
+                    path.unlink()
+        if was_missing:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _make_folder(folder: Path) -> None:
@@ -204,15 +231,15 @@ def _make_folder(folder: Path) -> None:
         folder.mkdir(exist_ok=True)
 
 
-def _write(part: Part, folder: Path, number: int) -> Entry:
+def _write(part: Part, folder: Path, number: int, new: list[Path]) -> Entry:
     members = _members(part.rows_of_points, _POINT) | _members(part.rows_of_observations, _OBSERVATION)
-    entry = _write_part_file(folder, f"{_PART}-{number:04d}", members)
+    entry = _write_part_file(folder, f"{_PART}-{number:04d}", members, new)
     return replace(entry, points=part.problem.num_points, observations=part.problem.num_observations)
 
 
-def _write_cameras_and_list(folder: Path, problem: Problem, entries: list[Entry]) -> None:
+def _write_cameras_and_list(folder: Path, problem: Problem, entries: list[Entry], new: list[Path]) -> None:
     """Write the cameras and the list, which makes it this problem; what else was there is removed."""
-    cameras = _write_part_file(folder, _CAMERAS, members_of_problem(cameras_alone(problem), folder))
+    cameras = _write_part_file(folder, _CAMERAS, members_of_problem(cameras_alone(problem), folder), new)
     content = {
         _VERSION_KEY: VERSION,
         "points": sum(entry.points for entry in entries),
@@ -230,9 +257,11 @@ def _write_cameras_and_list(folder: Path, problem: Problem, entries: list[Entry]
                 path.unlink()
 
 
-def _write_part_file(folder: Path, stem: str, members: dict[str, NDArray[Any]]) -> Entry:
+def _write_part_file(folder: Path, stem: str, members: dict[str, NDArray[Any]], new: list[Path]) -> Entry:
     sha256 = digest(members)
     path = folder / f"{stem}-{sha256[:8]}.npz"
+    if not path.exists():
+        new.append(path)
     write_members(members, path)
     return Entry(path.name, path.stat().st_size, sha256)
 

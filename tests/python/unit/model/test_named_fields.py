@@ -41,6 +41,15 @@ def test_a_name_unlike_all_fields_is_refused_with_all() -> None:
         positions().q = 1  # type: ignore[attr-defined]
 
 
+def test_no_field_can_be_deleted() -> None:
+    problem, group = sfmcpp.circle_scene(4, 20, seed=0), positions()
+    with pytest.raises(AttributeError, match="Problem: the field 'sigma_px' cannot be deleted"):
+        del problem.sigma_px
+    with pytest.raises(AttributeError, match="ConstraintGroup: the field 'weight' cannot be deleted"):
+        del group.weight
+    assert (problem.sigma_px, group.weight) == (None, 1.0)
+
+
 def test_a_standard_deviation_set_later_is_refused_as_it_would_have_no_effect() -> None:
     group = positions(sigma=0.1)
     rule = r"constraints\['position'\].sigma: is not stored.*make a new group"
