@@ -132,7 +132,7 @@ def _evaluated_trajectory(
     try:
         return evaluation.evaluate(*read, **options)
     except InvalidArgument as error:
-        told = with_flags(str(error), options_of(evaluate))
+        told = with_flags(str(error), options_of(evaluate) - {"truth"})  # whose file is named
         raise DatasetError(ours[0], f"compared with {true[0]}: {told}") from error
 
 
