@@ -10,5 +10,6 @@ if(NOT Eigen3_FOUND)
     set(sfmcpp_other_eigens " (there is ${sfmcpp_other_eigens})")
   endif()
   message(FATAL_ERROR "Eigen 3.4 or 5 is not found${sfmcpp_other_eigens}: must be installed "
-    "(apt-get install libeigen3-dev), or its place given by -DCMAKE_PREFIX_PATH=/where/eigen/is")
+    "(apt-get install libeigen3-dev), or its place given by -DCMAKE_PREFIX_PATH=/where/eigen/is, for pip by the "
+    "environment: CMAKE_PREFIX_PATH=/where/eigen/is pip install .")
 endif()

@@ -42,6 +42,11 @@ class SolveOption:
         Whether it may have no value.
         """
     @property
+    def rule(self) -> str | None:
+        """
+        What a number must be, such as 'at least 0'.
+        """
+    @property
     def type(self) -> str:
         """
         'str', 'int', 'float' or 'bool'.

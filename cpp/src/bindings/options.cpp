@@ -26,6 +26,7 @@ struct Option {
   bool optional = false;
   std::optional<std::string> unit;
   std::optional<std::string> unset;
+  std::optional<std::string> rule;  // of a number
   Named choices;
   py::object default_value;
 };
@@ -126,6 +127,7 @@ Option bind_option(py::class_<SolveOptions>& c, const OptionFacts& facts, const 
     def_value<T>(c, facts, get);
     option.type = python_type<T>();
   }
+  if (option.type == "int" || option.type == "float") option.rule = facts.rule.text;
   option.default_value = py::cast(SolveOptions{}).attr(facts.name);
   return option;
 }
@@ -140,6 +142,7 @@ void bind_options(py::module_& m) {
       .def_readonly("optional", &Option::optional, "Whether it may have no value.")
       .def_readonly("unit", &Option::unit)
       .def_readonly("unset", &Option::unset, "The text for no value; None: None.")
+      .def_readonly("rule", &Option::rule, "What a number must be, such as 'at least 0'.")
       .def_readonly("choices", &Option::choices, "Names and what they mean, if it has choices.")
       .def_readonly("default", &Option::default_value);
   py::class_<SolveOptions> c(

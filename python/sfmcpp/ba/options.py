@@ -102,7 +102,8 @@ def _entry(option: _core.SolveOption) -> list[str]:
     elif option.optional:
         what += f' or "{option.unset}"' if option.unset else ", optional"
     first, *more = option.description.split(";")
-    text = ";".join([f"{first} [{option.unit}]" if option.unit else first, *more])
+    rule = [f" must be {option.rule}"] if option.rule else []
+    text = ";".join([f"{first} [{option.unit}]" if option.unit else first, *more, *rule])
     meanings = [f'    - "{name}": {meaning}.' for name, meaning in option.choices]
     return [f"{option.name} : {what}", f"    {text}.", *(["", *meanings] if meanings else [])]
 

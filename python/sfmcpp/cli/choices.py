@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -91,7 +92,8 @@ def _annotation(option: SolveOption) -> Any:
     """Type and look of an option on the command line."""
     names = tuple(name for name, _ in option.choices)
     type_: Any = {"str": str, "int": int, "float": float, "bool": bool}[option.type]
-    look: dict[str, Any] = {"help": f"{option.description}{': ' * bool(names)}{', '.join(names)}."}
+    rule = f"; must be {option.rule}" if option.rule else ""
+    look: dict[str, Any] = {"help": f"{option.description}{': ' * bool(names)}{', '.join(names)}{rule}."}
     if names:
         look |= look_of_names(names)
     if option.unit:
@@ -101,10 +103,12 @@ def _annotation(option: SolveOption) -> Any:
     elif option.optional:
         type_ = type_ | None
     if option.unit == "bytes":
-        type_, look["parser"], look["metavar"] = Any, _number_of_bytes, "BYTES|8GB|…"
+        type_, look["parser"], look["metavar"] = Any, _number_of_bytes, "8GB|500MB|…"
     return Annotated[type_, typer.Option(flag_of(option.name), **look)]
 
 
+# A number without a unit below this is meant in another unit: no solve needs as little.
+_LEAST_BYTES = 10**6
 _BYTES = {"": 1, "B": 1}
 for _power, _prefix in enumerate("KMGT", start=1):
     _BYTES |= {
@@ -116,12 +120,14 @@ for _power, _prefix in enumerate("KMGT", start=1):
 
 def _number_of_bytes(text: str) -> float:
     match = re.fullmatch(r"\s*([0-9.eE+]+)\s*([A-Za-z]*)\s*", text)
-    try:
-        if match and match[2].upper() in _BYTES:
-            return float(match[1]) * _BYTES[match[2].upper()]
-    except ValueError:
-        pass
-    raise typer.BadParameter(f"{text!r} is no number of bytes, such as 8GB, 500MB or 2GiB")
+    number = None
+    with suppress(ValueError):
+        number = float(match[1]) * _BYTES[match[2].upper()] if match and match[2].upper() in _BYTES else None
+    if match is None or number is None:
+        raise typer.BadParameter(f"{text!r} is no number of bytes, such as 8GB, 500MB or 2GiB")
+    if not match[2] and number < _LEAST_BYTES:
+        raise typer.BadParameter(f"{text!r} has no unit, and means bytes: write {text}GB or {text}MB")
+    return number
 
 
 def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:

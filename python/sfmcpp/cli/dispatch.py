@@ -13,6 +13,7 @@ from sfmcpp.cli.console import ExitCode, discard_output, in_words, print_error, 
 from sfmcpp.cli.interrupts import repeated_lost_interrupts, termination_as_ctrl_c
 from sfmcpp.cli.mpi_launch import is_said_by_another
 from sfmcpp.cli.reading_apart import is_read_apart, solve_as_read_apart
+from sfmcpp.cli.slips import likely_meant
 
 # By the kinds of pydantic's errors.
 _RULES = {
@@ -91,7 +92,7 @@ def _dispatch(arguments: list[str]) -> int:
     try:
         result = command(arguments, prog_name="sfmcpp", standalone_mode=False)
     except usage_error as error:
-        message = _usage_message(error, _place_of_help(error, arguments, command))
+        message = _usage_message(error, arguments, command)
         return print_error(message) if _is_of_a_path(error) else _refuse_usage(arguments, message)
     except typer.Abort:
         return print_interrupted()
@@ -127,11 +128,14 @@ def _place_of_help(error: Exception, arguments: list[str], program: Any) -> str:
     return " ".join(["sfmcpp", *(name for name in arguments[:1] if name in program.commands)])
 
 
-def _usage_message(error: Exception, command: str) -> str:
+def _usage_message(error: Exception, arguments: list[str], program: Any) -> str:
     message: str = error.format_message()  # type: ignore[attr-defined]
     for own_words, in_ours in _refused_values(error):
         message = message.replace(own_words, in_ours)
-    return f"{' '.join(message.split()).rstrip('.')} (see '{command} --help')"
+    said = " ".join(message.split()).rstrip(".")
+    meant = likely_meant(error, arguments, program)
+    said += f"; {meant}" if meant else ""
+    return f"{said} (see '{_place_of_help(error, arguments, program)} --help')"
 
 
 def _refused_values(error: Exception) -> Iterator[tuple[str, str]]:

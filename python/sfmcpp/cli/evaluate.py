@@ -10,7 +10,7 @@ import typer
 
 from sfmcpp.cli.choices import choice_option
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
-from sfmcpp.cli.flags import flag_of
+from sfmcpp.cli.flags import flag_of, options_of, with_flags
 from sfmcpp.errors import DatasetError, InvalidArgument
 
 if TYPE_CHECKING:
@@ -71,11 +71,14 @@ def evaluate(
     max_difference_s: Annotated[
         float | None,
         typer.Option(
-            help="Largest time difference of matched poses, where the truth has times. Default: 0.01, or 0.5 "
-            "with interpolate."
+            metavar="SECONDS",
+            help="Largest time difference of matched poses, where the truth has times; at least 0. Default: "
+            "0.01, or 0.5 with interpolate.",
         ),
     ] = None,
-    delta: Annotated[float, typer.Option(help="Interval of relative errors.")] = 1.0,
+    delta: Annotated[
+        float, typer.Option(metavar="N", help="Interval of relative errors, positive; of frames whole.")
+    ] = 1.0,
     delta_unit: Annotated[str, choice_option(("frames", "m"), "Unit of --delta")] = "frames",
     all_pairs: Annotated[bool, typer.Option("--all-pairs", help="Relative errors from every pose.")] = False,
     format: Annotated[str | None, _format("the trajectory")] = None,
@@ -120,16 +123,17 @@ def _evaluated_trajectory(
 ) -> Evaluation:
     """Read both, a file and its format each, and compare them; all that can be checked is checked before."""
     from sfmcpp.sources.io.trajectories import read_trajectory
-    from sfmcpp.study.evaluation import AlignmentRule, evaluate
+    from sfmcpp.study import evaluation
 
-    AlignmentRule.parse(options["align_to"])
+    evaluation.AlignmentRule.parse(options["align_to"])
     _require_trajectories(ours[0], *true)
     targets.check(ours[0], true[0])
     read = [read_trajectory(path, format=name) for path, name in (ours, true)]
     try:
-        return evaluate(*read, **options)
+        return evaluation.evaluate(*read, **options)
     except InvalidArgument as error:
-        raise DatasetError(ours[0], f"compared with {true[0]}: {error}") from error
+        told = with_flags(str(error), options_of(evaluate) - {"truth"})  # whose file is named
+        raise DatasetError(ours[0], f"compared with {true[0]}: {told}") from error
 
 
 def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> None:

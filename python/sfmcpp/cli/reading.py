@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sfmcpp.cli.console import print_note
+from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.conversion_notes import (
@@ -22,12 +23,34 @@ def read_with_notes(source: Path, *, quiet: bool = False) -> Problem:
     Raises
     ------
     DatasetError
-        If it cannot be read.
+        If it cannot be read; of what another command reads, it names that.
     """
-    problem = read(source)
+    try:
+        problem = read(source)
+    except DatasetError as error:
+        other = _other_command(source) if error.path == str(source) and source.exists() else ""
+        if not other:
+            raise
+        raise DatasetError(source, f"{error.reason}; {other}", error.line) from None
     if not quiet:
         note_left_out(source, problem)
     return problem
+
+
+def _other_command(source: Path) -> str:
+    """Which command reads images, drives and bags, none of which is a problem."""
+    from sfmcpp.sources.bags import is_bag
+    from sfmcpp.sources.vision.images import is_picture, is_video
+
+    if is_bag(source):
+        return "sfmcpp bag makes files for sfmcpp slam of a bag"
+    if is_picture(source):
+        return "sfmcpp reconstruct makes a model of a folder of photos"
+    if source.is_dir() and any(map(is_picture, source.iterdir())):
+        return "sfmcpp reconstruct makes a model of the photos in it"
+    if is_video(source) or source.suffix.lower() == ".mat":
+        return "sfmcpp slam reads videos and drives"
+    return ""
 
 
 def note_changed(problem: Problem, target: Path, format: Format | None = None) -> None:

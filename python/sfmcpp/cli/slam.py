@@ -108,8 +108,9 @@ Fps = Annotated[
     float | None,
     typer.Option(
         callback=_fps,
-        help="Images per second. Default: times.txt (seconds, or nanoseconds since 1970), EuRoC's data.csv, "
-        "image names in nanoseconds, the video's frame rate, or 10 for a folder.",
+        metavar="N",
+        help="Images per second, positive. Default: times.txt (seconds, or nanoseconds since 1970), EuRoC's "
+        "data.csv, image names in nanoseconds, the video's frame rate, or 10 for a folder.",
     ),
 ]
 Corners = Annotated[str, choice_option(CORNERS, "Corners to track in images")]
@@ -145,8 +146,8 @@ SensorColumns = Annotated[
 ClockOffset = Annotated[
     float | None,
     typer.Option(
-        metavar="S",
-        help="Camera time minus sensor time, added to sensor time stamps. Default: that of "
+        metavar="SECONDS",
+        help="Camera time minus sensor time, also negative, added to sensor time stamps. Default: that of "
         "Kalibr's file of the mounting or camera, else 0.",
     ),
 ]
@@ -210,7 +211,9 @@ def slam(
     fps: Fps = None,
     corners: Corners = CORNERS[0],
     stereo: Stereo = False,
-    window: Annotated[int, typer.Option(help="Keyframes moved by the local adjustment.")] = 8,
+    window: Annotated[
+        int, typer.Option(metavar="N", help="Keyframes moved by the local adjustment, at least 2.")
+    ] = 8,
     final_adjustment: Final = FINAL_ADJUSTMENTS[0],
     seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     view: View = False,

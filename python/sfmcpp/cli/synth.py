@@ -24,8 +24,8 @@ Truth = Annotated[
     Path | None,
     typer.Option(metavar="FILE", help="Write the same observations with the true cameras and points."),
 ]
-Cameras = Annotated[int | None, typer.Option(metavar="N", help=f"Number of cameras. {_DEFAULT}")]
-Points = Annotated[int | None, typer.Option(metavar="N", help=f"Number of points. {_DEFAULT}")]
+Cameras = Annotated[int | None, typer.Option(metavar="N", help=f"Number of cameras, at least 1. {_DEFAULT}")]
+Points = Annotated[int | None, typer.Option(metavar="N", help=f"Number of points, at least 1. {_DEFAULT}")]
 CameraModel = Annotated[
     str | None,
     typer.Option(
@@ -34,25 +34,32 @@ CameraModel = Annotated[
         help=f"calibrated, perspective or bal. {_DEFAULT}",
     ),
 ]
-Focal = Annotated[float | None, typer.Option(metavar="PX", help=f"Focal length. {_DEFAULT}")]
+Focal = Annotated[float | None, typer.Option(metavar="PX", help=f"Focal length, positive. {_DEFAULT}")]
 RadialDistortion = Annotated[
     str | None, typer.Option(metavar="K1,K2", help="Radial distortion of perspective and bal cameras.")
 ]
-PixelSigma = Annotated[float, typer.Option(metavar="PX", help="Noise of pixel coordinates.")]
+PixelSigma = Annotated[float, typer.Option(metavar="PX", help="Noise of pixel coordinates, at least 0.")]
 Outliers = Annotated[
-    float, typer.Option(metavar="SHARE", help="Share of observations moved to random places in their images.")
+    float,
+    typer.Option(
+        metavar="SHARE", help="Share of observations moved to random places in their images, in [0, 1]."
+    ),
 ]
 OutlierSigma = Annotated[
     float | None,
-    typer.Option(metavar="PX", help="Noise of outliers, in place of random places."),
+    typer.Option(metavar="PX", help="Noise of outliers, in place of random places; positive."),
 ]
-PointSigma = Annotated[float, typer.Option(metavar="M", help="Noise of initial point coordinates.")]
-PositionSigma = Annotated[float, typer.Option(metavar="M", help="Noise of initial camera centres.")]
+PointSigma = Annotated[
+    float, typer.Option(metavar="M", help="Noise of initial point coordinates, at least 0.")
+]
+PositionSigma = Annotated[
+    float, typer.Option(metavar="M", help="Noise of initial camera centres, at least 0.")
+]
 RotationSigma = Annotated[
-    float, typer.Option(metavar="DEG", help="Noise of initial rotations, about each axis.")
+    float, typer.Option(metavar="DEG", help="Noise of initial rotations, about each axis; at least 0.")
 ]
 FocalSigma = Annotated[
-    float, typer.Option(metavar="SHARE", help="Noise of the logarithm of free focal lengths.")
+    float, typer.Option(metavar="SHARE", help="Noise of the logarithm of free focal lengths, at least 0.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Random seed of scene and noise.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors.")]
@@ -89,7 +96,10 @@ def synth(
     seed: Seed = 0,
     quiet: Quiet = False,
 ) -> ExitCode:
-    """Generate a synthetic problem with known truth."""
+    """Generate a synthetic problem with known truth.
+
+    Noise is normal: its options are standard deviations.
+    """
     if outlier_sigma_px is not None and outliers == 0:
         raise typer.BadParameter("there are no --outliers", param_hint="'--outlier-sigma-px'")
     options = _given_options(

@@ -8,11 +8,13 @@ import re
 import subprocess
 import sys
 import typing
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from typer.models import OptionInfo
 from typer.testing import CliRunner
 
 import sfmcpp
@@ -100,7 +102,8 @@ def test_every_other_option_is_taken_by_python_and_by_the_command_line(
     option: str, value: object, asked: dict[str, Any]
 ) -> None:
     assert getattr(SolveOptions(**{option: value}), option) == value
-    words = [flag(option)] if value is True else [flag(option), str(value)]
+    unit = "B" if option == "max_memory_bytes" else ""
+    words = [flag(option)] if value is True else [flag(option), f"{value}{unit}"]
     result = CliRunner().invoke(app, ["solve", "input.txt", *words])
     assert result.output == ""
     assert asked[option] == value
@@ -121,8 +124,47 @@ def test_every_option_is_described(option: str) -> None:
     assert flag(option) in help_of("solve")
 
 
+def numbers_asked() -> Iterator[tuple[str, str, OptionInfo]]:
+    """Command, parameter and what is told of it, of all options that are one number."""
+    for command in app.registered_commands:
+        assert command.callback is not None
+        for name, parameter in inspect.signature(command.callback, eval_str=True).parameters.items():
+            type_, *told = typing.get_args(parameter.annotation)
+            if {int, float} & {type_, *typing.get_args(type_)} and isinstance(told[0], OptionInfo):
+                yield command.callback.__name__, name, told[0]
+
+
+@pytest.mark.parametrize(("command", "name", "told"), list(numbers_asked()))
+def test_every_number_of_the_command_line_says_what_it_must_be(
+    command: str, name: str, told: OptionInfo
+) -> None:
+    says = re.search(r"at least \d|positive|in [\[(]0, 1|also negative", told.help or "")
+    assert told.min is not None or says, told.help
+
+
+def test_numbers_of_all_commands_are_looked_at() -> None:
+    asked = {(command, name) for command, name, _ in numbers_asked()}
+    assert {("solve", "max_iterations"), ("solve", "gcp_sigma_m"), ("slam", "window")} < asked
+    assert len({command for command, _ in asked}) == 7
+
+
+@pytest.mark.parametrize("name", [name for name, option in OPTIONS.items() if option.rule])
+def test_every_number_of_a_solve_says_what_it_must_be(name: str) -> None:
+    rule = f"; must be {OPTIONS[name].rule}."
+    assert rule in help_of("solve").split(f"{flag(name)} ")[1].split(" --")[0]
+    assert rule in (sfmcpp.solve.__doc__ or "").split(f"\n    {name} : ")[1].splitlines()[1]
+    below = -1 if OPTIONS[name].type == "int" else -1.0
+    with pytest.raises(sfmcpp.InvalidArgument, match=f"must be {re.escape(OPTIONS[name].rule or '')}"):
+        sfmcpp.solve(sfmcpp.circle_scene(4, 20, seed=1), **{name: below})
+
+
+def test_every_number_of_a_solve_has_a_rule() -> None:
+    numbers = {name for name, option in OPTIONS.items() if option.type in ("int", "float")}
+    assert {name for name, option in OPTIONS.items() if option.rule} == numbers
+
+
 @pytest.mark.parametrize(
-    ("text", "bytes_"), [("8GB", 8e9), ("1.5 MiB", 1.5 * 2**20), ("2G", 2e9), ("300", 300.0)]
+    ("text", "bytes_"), [("8GB", 8e9), ("1.5 MiB", 1.5 * 2**20), ("2G", 2e9), ("3000000", 3e6), ("1KB", 1e3)]
 )
 def test_memory_is_given_in_the_units_that_people_use(
     text: str, bytes_: float, asked: dict[str, Any]
@@ -136,6 +178,14 @@ def test_a_number_of_bytes_is_none(text: str) -> None:
     result = CliRunner().invoke(app, ["solve", "input.txt", "--max-memory", text])
     assert result.exit_code == 2
     assert "8GB, 500MB" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("text", ["8", "0", "512"])
+def test_few_bytes_without_a_unit_are_asked_for_one(text: str) -> None:
+    result = CliRunner().invoke(app, ["solve", "input.txt", "--max-memory", text])
+    assert result.exit_code == 2
+    told = f"'{text}' has no unit, and means bytes: write {text}GB or {text}MB"
+    assert told in re.sub(r"[\s│]+", " ", result.output)
 
 
 def test_a_number_or_auto_is_neither_on_the_command_line() -> None:

@@ -117,6 +117,22 @@ def test_what_cannot_be_compared_is_named_and_writes_nothing(tmp_path: Path) -> 
     assert not (tmp_path / "report.json").exists()
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "told"),
+    [
+        ("--max-difference-s", "-1", "--max-difference-s -1.0: must be finite and not negative"),
+        ("--delta", "1.5", "--delta 1.5 frames: must be a whole number"),
+        ("--delta", "0", "--delta 0.0: must be"),
+    ],
+)
+def test_options_are_named_as_they_were_given(tmp_path: Path, option: str, value: str, told: str) -> None:
+    estimate, truth = write_pair(tmp_path, helix())
+    result = run_here("evaluate", estimate, "--truth", truth, option, value)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert f"{estimate}: compared with {truth}: {told}" in result.stderr
+
+
 def test_neither_input_is_overwritten_by_the_report(tmp_path: Path) -> None:
     estimate, truth = write_pair(tmp_path, helix())
     for file in (estimate, truth):

@@ -51,6 +51,14 @@ from cli_helpers import (
         (["solve", "a.txt", "-o"], "'-o' requires an argument (see 'sfmcpp solve --help')"),
         (["solve", ""], "''"),
         (["solve", "a.txt", "--output="], "'--output='"),
+        (["solve", "a.txt", "b.txt"], "(b.txt); an output is given by its option: -o PATH (see"),
+        (["doctor", "a.txt", "b.txt"], "unexpected extra argument(s) (b.txt) (see"),  # it has no -o
+        (["solve", "a.txt", "-max-iterations", "3"], "-m; did you mean --max-iterations? (see"),
+        (["solve", "a.txt", "-max-iterations=3"], "-m; did you mean --max-iterations? (see"),
+        (["solve", "a.txt", "-O", "b.txt"], "No such option: -O (see"),
+        (["--quiet", "solve", "a.txt"], "--quiet; options come after the name of a command (see"),
+        (["--solve", "a.txt"], "--solve; commands have no hyphens: solve (see"),
+        ([__file__], f"; a command comes before the input, such as 'sfmcpp info {__file__}' (see"),
     ],
 )
 def test_bad_usage_is_one_line_before_any_file_is_looked_at(arguments: list[str], told: str) -> None:
@@ -75,6 +83,31 @@ def test_a_missing_input_is_named(tmp_path: Path) -> None:
     assert result.returncode == 2
     assert is_one_error_line(result)
     assert f"{tmp_path / 'absent.txt'}: " in result.stderr
+
+
+@pytest.mark.parametrize("command", ["solve", "doctor"])
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [
+        ("photos", "it lacks cameras.bin, images.bin, points3D.bin; sfmcpp reconstruct makes a model of the"),
+        ("photos/a.jpg", "; sfmcpp reconstruct makes a model of a folder of photos"),
+        ("drive.mat", "; sfmcpp slam reads videos and drives"),
+        ("drive.mp4", "; sfmcpp slam reads videos and drives"),
+        ("drive.bag", "; sfmcpp bag makes files for sfmcpp slam of a bag"),
+    ],
+)
+def test_the_command_for_what_is_no_problem_is_named(
+    command: str, name: str, other: str, tmp_path: Path
+) -> None:
+    (tmp_path / "photos").mkdir()
+    for file in ("photos/a.jpg", "drive.mat", "drive.mp4", "drive.bag"):
+        (tmp_path / file).write_bytes(b"\0")
+    result = run_here(command, name, cwd=tmp_path)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert other in result.stderr
+    missing = run_here(command, "absent.bag", cwd=tmp_path)
+    assert missing.stderr == "sfmcpp: error: absent.bag: no such file or directory\n"
 
 
 def test_a_problem_that_cannot_be_solved_is_named_with_its_file(tmp_path: Path) -> None:
