@@ -121,7 +121,7 @@ def _measures(name: str, before: FloatArray, after: FloatArray, sigma: FloatArra
 
 def _refined(freed: FreedIntrinsics, wrong: BoolArray) -> str:
     """Names of what is free and what is held at a wrong value; a distortion goes with f."""
-    chosen = ~freed.freed.problem.fixed_intrinsics[freed.rows].all(axis=0)
+    chosen: BoolArray = np.asarray(~freed.freed.problem.fixed_intrinsics[freed.rows].all(axis=0))
     chosen[freed.columns] = wrong.any(axis=0)
     if chosen[_K1]:
         chosen = np.zeros_like(chosen)
