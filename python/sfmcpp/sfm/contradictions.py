@@ -297,11 +297,11 @@ def _confirmed_points(
     usual = np.median(farthest[~is_open]) if not is_open.all() else 1.0
     farthest = np.minimum(farthest, _FAR * usual)
     nearest = np.where(is_open, sight.bases[rows] / np.radians(_LEAST_ANGLE_DEG), farthest)
-    rays = one.rays[features]
-    places = (
-        one.camera[:, 3] + depths[:, None] * rays for depths in (np.minimum(nearest, farthest), farthest)
+    nearest, farthest = (
+        one.camera[:, 3] + depths[:, None] * one.rays[features]
+        for depths in (np.minimum(nearest, farthest), farthest)
     )
-    return features, *places, angles
+    return features, nearest, farthest, angles
 
 
 def _in_view(one: _View, other: _View, points: FloatArray, angles_deg: FloatArray) -> BoolArray:
