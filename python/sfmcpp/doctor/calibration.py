@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.case import Case, image_sizes_px, without_single_views
+from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding, counted, numbers
-from sfmcpp.doctor.outliers import fits_poorly
-from sfmcpp.doctor.trial import Trial, adjusted
+from sfmcpp.doctor.trial import Trial, adjusted, redundancy
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model import Problem, camera_model
@@ -61,13 +60,17 @@ def calibration(case: Case) -> Iterator[Finding]:
         return
     if not _may_be_tested(case.trial.problem):
         return
-    yield from list(_contradicted_intrinsics(case, case.trial)) or _principal_points_near_border(case)
+    found = list(_contradicted_intrinsics(case)) or list(_principal_points_near_border(case))
+    case.blames_calibration = bool(found)
+    yield from found
 
 
-def _contradicted_intrinsics(case: Case, trial: Trial) -> Iterator[Finding]:
-    good = without_gross_errors(case, trial)
-    given, freed = adjusted(good, case.constraints, "squared"), adjusted_with_free_calibration(case, good)
-    if isinstance(given, str) or freed is None or not is_significant(case, given, freed):
+def _contradicted_intrinsics(case: Case) -> Iterator[Finding]:
+    given = case.least_squares
+    if given is None:
+        return
+    freed = adjusted_with_free_calibration(case, case.good_part)
+    if freed is None or not is_significant(case, given, freed):
         return
     yield from _calibration_finding(case, median_calibration(given), median_calibration(freed), given, freed)
 
@@ -84,19 +87,9 @@ def adjusted_with_free_calibration(case: Case, problem: Problem) -> Trial | None
         start = _with_free_calibration(problem)
         start.intrinsics[:, [0, 2, 3]] *= scale
         trial = adjusted(start, case.constraints, "squared")
-        if not isinstance(trial, str) and not fits_poorly(case, trial):
+        if not isinstance(trial, str) and not case.fits_poorly(trial):
             return trial
     return None
-
-
-def without_gross_errors(case: Case, trial: Trial) -> Problem:
-    """The trial's problem for a sum of squares, or the one it began with if it came to nothing.
-
-    Where a robust loss would make all but a few residuals of short tracks vanish, a square does not.
-    """
-    if fits_poorly(case, trial):
-        return case.part
-    return without_single_views(trial.problem.with_observations(~trial.gross(case.sigma_px)))
 
 
 def _may_be_tested(problem: Problem) -> bool:
@@ -120,17 +113,9 @@ def _with_free_calibration(problem: Problem) -> Problem:
 
 def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
     """Whether the squared error falls far more than by as many meaningless parameters per row in use."""
-    squares = [squared_error(case, t) for t in (given, freed)]
-    problem = freed.problem
-    cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
-    redundancy = max(2 * problem.num_observations - 6 * cameras - 3 * points, 1)
-    count = parameters * len(np.unique(problem.intrinsics_index[problem.camera_index]))
-    return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy
-
-
-def squared_error(case: Case, trial: Trial) -> float:
-    """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
-    return float((np.minimum(trial.errors_px, case.extent_px) ** 2).sum())
+    squares = [case.squared_error(t) for t in (given, freed)]
+    count = parameters * len(np.unique(freed.problem.intrinsics_index[freed.problem.camera_index]))
+    return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy(freed.problem)
 
 
 def _calibration_finding(
@@ -205,14 +190,14 @@ def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> 
     for intrinsics in (whole, focal):
         start = replace(freed.problem, intrinsics=intrinsics, fixed_intrinsics=fixed)
         trial = adjusted(start, case.constraints, "squared")
-        squares.append(np.inf if isinstance(trial, str) else squared_error(case, trial))
+        squares.append(np.inf if isinstance(trial, str) else case.squared_error(trial))
     return squares[0] < squares[1]
 
 
 def undetermined(case: Case) -> Iterator[Finding]:
     """Find free intrinsics that the images do not determine."""
     trial = case.trial
-    if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or fits_poorly(case, trial):
+    if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or case.fits_poorly(trial):
         return
     try:
         # Sensors are looked at by themselves.

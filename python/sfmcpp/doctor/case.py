@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import Summary
 from sfmcpp.doctor.finding import named
-from sfmcpp.doctor.trial import Trial, median_sigma_px, robust_trial
+from sfmcpp.doctor.trial import GROSS, Trial, adjusted, median_sigma_px, robust_trial
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
@@ -21,12 +21,16 @@ from sfmcpp.model.residual_group import Group
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+    from sfmcpp.doctor.freed_intrinsics import FreedIntrinsics
+
 # What is computed per observation in Python looks at so many, evenly spread: medians hardly feel it.
 SAMPLE = 200_000
 # Trial adjustments and variances, which are cubic in the cameras, take so much of a problem: a second or two.
 TRIAL_OBSERVATIONS, TRIAL_CAMERAS = 100_000, 200
 # No image is as small as this, and a usual one has so many pixels across.
 _SMALLEST_IMAGE_PX, _PIXELS_OF_AN_IMAGE = 16.0, 1000.0
+# One hundredth of the image: less is a matter of calibration and noise.
+_VISIBLE = 0.01
 
 
 class Case:
@@ -51,6 +55,10 @@ class Case:
         self.is_misread = False
         # Whether a distortion held at zero explains what wrong focal lengths might.
         self.lacks_distortion = False
+        # Whether intrinsics have been found to be wrong by a large part.
+        self.blames_calibration = False
+        # Whether a rolling shutter is behind what is left of residuals.
+        self.has_rolling_shutter = False
 
     def given_rows(self, some: Problem, chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
         """Numbers, in the problem that was given, of the `chosen` observations of a part of this one."""
@@ -173,6 +181,43 @@ class Case:
             self.skipped.append(f"trial adjustment and the checks based on it: {trial}")
             return None
         return trial
+
+    def fits_poorly(self, trial: Trial) -> bool:
+        """Whether the median error is gross: by the standard deviation stated, and to the eye."""
+        return trial.median_px > max(GROSS * self.sigma_px, _VISIBLE * self.extent_px)
+
+    def squared_error(self, trial: Trial) -> float:
+        """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
+        return float((np.minimum(trial.errors_px, self.extent_px) ** 2).sum())
+
+    @cached_property
+    def good_part(self) -> Problem:
+        """The trial's problem for a sum of squares, or the one it began with if it came to nothing.
+
+        Where a robust loss would make all but a few residuals of short tracks vanish, a square does not.
+        """
+        trial = self.trial
+        if trial is None or self.fits_poorly(trial):
+            return self.part
+        return without_single_views(trial.problem.with_observations(~trial.gross(self.sigma_px)))
+
+    @cached_property
+    def least_squares(self) -> Trial | None:
+        """The good part adjusted by least squares; None where that cannot be."""
+        found = adjusted(self.good_part, self.constraints, "squared")
+        return None if isinstance(found, str) else found
+
+    @cached_property
+    def freed_intrinsics(self) -> FreedIntrinsics | None:
+        """The same with all intrinsics free; None where that cannot be or tells nothing."""
+        from sfmcpp.doctor.freed_intrinsics import freed_intrinsics
+
+        return freed_intrinsics(self)
+
+    @property
+    def best_fit(self) -> Trial | None:
+        """Adjusted by least squares, with all intrinsics free where that can be."""
+        return self.least_squares if self.freed_intrinsics is None else self.freed_intrinsics.freed
 
 
 def extent_px(problem: Problem) -> float:

@@ -19,11 +19,13 @@ from sfmcpp.doctor.distortion import distortion
 from sfmcpp.doctor.duplicates import duplicate_observations, duplicates
 from sfmcpp.doctor.finding import SEVERITIES, Diagnosis, Finding
 from sfmcpp.doctor.gauge import gauge
+from sfmcpp.doctor.held_intrinsics import held_intrinsics
 from sfmcpp.doctor.image_scale import image_fill
 from sfmcpp.doctor.initial_state import far_start, no_image
 from sfmcpp.doctor.mounting import mounting
 from sfmcpp.doctor.outliers import outliers, sigmas
 from sfmcpp.doctor.principal_point import principal_point
+from sfmcpp.doctor.rolling_shutter import rolling_shutter
 from sfmcpp.doctor.solution import solution
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
@@ -46,6 +48,8 @@ _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     distortion,
     calibration,
     principal_point,
+    rolling_shutter,
+    held_intrinsics,
     undetermined,
     mounting,
     sigmas,

@@ -14,12 +14,9 @@ from sfmcpp.doctor.calibration import (
     adjusted_with_free_calibration,
     is_significant,
     radii_px,
-    squared_error,
-    without_gross_errors,
 )
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.doctor.trial import Trial, adjusted
 from sfmcpp.model import Problem, camera_model
 from sfmcpp.model.camera_models import is_pinhole
@@ -35,17 +32,16 @@ _F, _K1 = _NAMES.index("f"), _NAMES.index("k1")
 def distortion(case: Case) -> Iterator[Finding]:
     """Find a held radial distortion that, once free, explains more than any other focal length."""
     trial = case.trial
-    if case.is_misread or trial is None or not _may_be_tested(trial.problem) or fits_poorly(case, trial):
+    if case.is_misread or trial is None or not _may_be_tested(trial.problem) or case.fits_poorly(trial):
         return
-    good = without_gross_errors(case, trial)
-    given = adjusted(good, case.constraints, "squared")
-    if isinstance(given, str):
+    given = case.least_squares
+    if given is None:
         return
     freed = adjusted(_with_free_distortion(given.problem), case.constraints, "squared")
     if isinstance(freed, str) or not is_significant(case, given, freed, parameters=1):
         return
-    less = 1 - squared_error(case, freed) / squared_error(case, given)
-    if less > _NOTABLE and not _focal_explains_more(case, good, freed):
+    less = 1 - case.squared_error(freed) / case.squared_error(given)
+    if less > _NOTABLE and not _focal_explains_more(case, case.good_part, freed):
         case.lacks_distortion = True
         yield _finding(given.problem, freed.problem, less)
 
@@ -72,7 +68,7 @@ def _focal_explains_more(case: Case, good: Problem, freed: Trial) -> bool:
     if not good.fixed_intrinsics[:, _F].all():
         return False
     other = adjusted_with_free_calibration(case, good)
-    return other is not None and squared_error(case, other) < squared_error(case, freed)
+    return other is not None and case.squared_error(other) < case.squared_error(freed)
 
 
 def _finding(given: Problem, freed: Problem, less: float) -> Finding:

@@ -9,7 +9,6 @@ import numpy as np
 from sfmcpp.ba.check import observations_without_image
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
-from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
 
@@ -38,7 +37,7 @@ def no_image(problem: Problem) -> Iterator[Finding]:
 def far_start(case: Case) -> Iterator[Finding]:
     """Find initial states off by tens of pixels without counting outliers, and the worst cameras."""
     trial = case.trial
-    if case.is_misread or trial is None or fits_poorly(case, trial):
+    if case.is_misread or trial is None or case.fits_poorly(trial):
         return
     part, good = case.part, ~trial.gross(case.sigma_px)
     if not good.any():

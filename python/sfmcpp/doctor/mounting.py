@@ -11,7 +11,6 @@ from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.calibration import RIDGE, radii_px, with_free_sensors
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, named, numbers
-from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.doctor.trial import Trial
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
@@ -25,7 +24,7 @@ _HALF = 0.5
 def mounting(case: Case) -> Iterator[Finding]:
     """Find free sensors with observations whose poses in their rig are undetermined."""
     trial, rigs = case.trial, case.problem.rigs
-    if rigs is None or case.is_misread or trial is None or fits_poorly(case, trial):
+    if rigs is None or case.is_misread or trial is None or case.fits_poorly(trial):
         return
     free = _observing_sensors(trial.problem, rigs)
     shares = _rim_shares(case, trial, free)

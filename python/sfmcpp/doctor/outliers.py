@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, counted, numbers
-from sfmcpp.doctor.trial import GROSS, NOTABLE_SHARE, Trial
+from sfmcpp.doctor.trial import GROSS, NOTABLE_SHARE, Trial, redundancy
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray
 
-# One hundredth of the image: less is a matter of calibration and noise.
-_VISIBLE = 0.01
+# Between this and its inverse a stated σ is a good one: keypoints of one kind scatter by so different σ.
+_SIGMA_OFF = 2.0
 # Most of a camera's observations are wrong; where half of all are, it takes more to stand out.
 _MOST = 0.5
 
@@ -26,17 +26,12 @@ _ADVICE = {
 }
 
 
-def fits_poorly(case: Case, trial: Trial) -> bool:
-    """Whether the median error is gross: by the standard deviation stated, and to the eye."""
-    return trial.median_px > max(GROSS * case.sigma_px, _VISIBLE * case.extent_px)
-
-
 def outliers(case: Case) -> Iterator[Finding]:
     """Find outliers, cameras with mostly outliers, and problems that nothing near the start fits."""
     trial = case.trial
     if case.is_misread or trial is None:
         return
-    if fits_poorly(case, trial):
+    if case.fits_poorly(trial):
         yield _poor_fit(case, trial)
         return
     gross = trial.gross(case.sigma_px)
@@ -115,13 +110,27 @@ def sigmas(case: Case) -> Iterator[Finding]:
     stated = case.problem.sigma_px is not None or case.problem.covariance_px2 is not None
     if case.is_misread or trial is None or not stated:
         return
-    ratio = trial.sigma_px / case.sigma_px
-    if not 1 / GROSS < ratio < GROSS:
+    scatter = _scatter_px(case, trial)
+    ratio = scatter / case.sigma_px
+    if not 1 / _SIGMA_OFF < ratio < _SIGMA_OFF:
         yield Finding(
             "wrong-sigmas",
             "warning",
-            f"the observations scatter by {trial.sigma_px:.2g} px, but the stated σ is {case.sigma_px:.2g} "
+            f"the observations scatter by {scatter:.2g} px, but the stated σ is {case.sigma_px:.2g} "
             "px: loss scale, covariances and weights of constraints are wrong by this ratio",
             "scale sigma_px, or leave it out",
             measures={"ratio": ratio},
         )
+
+
+def _scatter_px(case: Case, trial: Trial) -> float:
+    """Standard deviation of observations by their median and by squares, that nearer to the stated one [px].
+
+    Near outliers and errors of the model enlarge the latter, tracks of two views diminish the former.
+    """
+    by_median = trial.sigma_px * np.sqrt(2 * trial.problem.num_observations / redundancy(trial.problem))
+    best = case.best_fit
+    if best is None:
+        return float(by_median)
+    by_squares = np.sqrt(case.squared_error(best) / redundancy(best.problem))
+    return float(min(by_median, by_squares, key=lambda found: abs(np.log(found / case.sigma_px))))

@@ -12,12 +12,9 @@ from sfmcpp.doctor.calibration import (
     FOCAL_OFF,
     is_significant,
     median_calibration,
-    squared_error,
-    without_gross_errors,
 )
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.outliers import fits_poorly
 from sfmcpp.doctor.trial import adjusted
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
@@ -34,19 +31,20 @@ def principal_point(case: Case) -> Iterator[Finding]:
     trial = case.trial
     if case.is_misread or case.lacks_distortion or trial is None:
         return
-    if not _may_be_tested(trial.problem) or fits_poorly(case, trial):
+    if not _may_be_tested(trial.problem) or case.fits_poorly(trial):
         return
-    given = adjusted(without_gross_errors(case, trial), case.constraints, "squared")
-    if isinstance(given, str):
+    given = case.least_squares
+    if given is None:
         return
     freed = adjusted(_with_free_centre(given.problem), case.constraints, "squared")
     if isinstance(freed, str) or not is_significant(case, given, freed, parameters=2):
         return
-    less = 1 - squared_error(case, freed) / squared_error(case, given)
+    less = 1 - case.squared_error(freed) / case.squared_error(given)
     before, after = median_calibration(given), median_calibration(freed)
     focal_off = abs(np.log(after[0] / before[0])) > np.log1p(FOCAL_OFF)
     is_far = bool(focal_off or np.abs(after - before)[_CENTRE].max() > CENTRE_OFF * case.extent_px)
     if less > (_NOTABLE if is_far else _LARGE):
+        case.blames_calibration = True
         yield _principal_point_finding(before, after, less, is_far)
 
 

@@ -75,6 +75,12 @@ def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "
     return Trial(moved, errors, float(np.median(errors[kept]) / _MEDIAN_OF_NORM), loss)
 
 
+def redundancy(problem: Problem, intrinsics: int = 0) -> int:
+    """Numbers observed less those estimated, some intrinsics among them; at least one."""
+    cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
+    return max(2 * problem.num_observations - 6 * cameras - 3 * points - intrinsics, 1)
+
+
 def median_sigma_px(problem: Problem) -> float:
     """Median stated standard deviation of the pixels, of u where there are covariances; else one [px]."""
     stated = Whitener.of(problem.sigma_px, problem.covariance_px2).sigma_px

@@ -11,7 +11,7 @@ Irschara, Bischof, "What can missing correspondences tell us about 3D structure 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,12 +110,15 @@ class _ConfirmedFeatures:
         Distance along the ray (x, y, 1); infinite where the rays are parallel.
     angles_deg : (m,) float64
         Between both rays.
+    bases : (m,) float64
+        Distance of both images.
     """
 
     features: NDArray[np.int32]
     others: NDArray[np.int32]
     depths: FloatArray
     angles_deg: FloatArray
+    bases: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,26 +218,25 @@ def _confirmed_features(
     pairs: Sequence[Pair], views: Sequence[_View | None], outlier_px: float
 ) -> list[_ConfirmedFeatures]:
     """Confirmed features of each image, by the matches that agree with the model."""
-    parts: list[list[tuple[NDArray[np.int32], int, FloatArray, FloatArray]]] = [[] for _ in views]
+    parts: list[list[_ConfirmedFeatures]] = [[] for _ in views]
     for pair in pairs:
         one, other = views[pair.first], views[pair.second]
         if one is not None and other is not None:
             depths, angles, good = _match_depths(one, other, pair, outlier_px)
+            base = float(np.linalg.norm(other.camera[:, 3] - one.camera[:, 3]))
             for k, (image, by) in enumerate(((pair.first, pair.second), (pair.second, pair.first))):
-                parts[image].append((pair.matches[good, k], by, depths[k][good], angles[good]))
+                features, bases = pair.matches[good, k], np.full(np.count_nonzero(good), base)
+                others = np.full(len(features), by, dtype=np.int32)
+                found = _ConfirmedFeatures(features, others, depths[k][good], angles[good], bases)
+                parts[image].append(found)
     return [_concatenated_features(part) for part in parts]
 
 
-def _concatenated_features(
-    parts: list[tuple[NDArray[np.int32], int, FloatArray, FloatArray]],
-) -> _ConfirmedFeatures:
-    empty, none = np.empty(0), np.empty(0, dtype=np.int32)
-    return _ConfirmedFeatures(
-        np.concatenate([none, *(part[0] for part in parts)]),
-        np.concatenate([none, *(np.full(len(part[0]), part[1], dtype=np.int32) for part in parts)]),
-        np.concatenate([empty, *(part[2] for part in parts)]),
-        np.concatenate([empty, *(part[3] for part in parts)]),
-    )
+def _concatenated_features(parts: list[_ConfirmedFeatures]) -> _ConfirmedFeatures:
+    none, empty = np.empty(0, dtype=np.int32), np.empty(0)
+    columns = [[getattr(part, field.name) for part in parts] for field in fields(_ConfirmedFeatures)]
+    first = (none, none, empty, empty, empty)
+    return _ConfirmedFeatures(*(np.concatenate([a, *c]) for a, c in zip(first, columns, strict=True)))
 
 
 def _match_depths(
@@ -260,8 +262,8 @@ def _num_missing_points(
     sight: _ConfirmedFeatures, one: _View, other: _View, number: int, matched: NDArray[np.int32]
 ) -> int:
     """Points of `one` that `other`, image `number`, should show, where nothing of one is `matched`."""
-    features, points, angles = _confirmed_points(sight, one, number)
-    should = _in_view(one, other, points, angles)
+    features, nearest, farthest, angles = _confirmed_points(sight, one, number)
+    should = _in_view(one, other, nearest, angles) & _in_view(one, other, farthest, angles)
     features = features[should]
     is_matched = np.zeros(len(one.pixels), dtype=np.bool_)
     is_matched[matched] = True
@@ -277,19 +279,29 @@ def _num_missing_points(
 
 def _confirmed_points(
     sight: _ConfirmedFeatures, one: _View, number: int
-) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-    """Features that images other than `number` confirm, their points, and the widest angle of each [deg]."""
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray, FloatArray]:
+    """Features that images other than `number` confirm, their points, and the widest angle of each [deg].
+
+    Points seen under too small an angle are somewhere on their ray, between the nearest and the farthest
+    place: from two images that are nearly one, as of a burst, even a near point is.
+    """
     rows = np.flatnonzero(sight.others != number)
     rows = rows[np.argsort(sight.angles_deg[rows], kind="stable")]
     widest = np.full(len(one.pixels), -1, dtype=np.intp)
     widest[sight.features[rows]] = rows
     features = np.flatnonzero(widest >= 0)
-    angles = sight.angles_deg[widest[features]]
-    depths = np.where(angles > _LEAST_ANGLE_DEG, sight.depths[widest[features]], np.inf)
+    rows = widest[features]
+    angles, is_open = sight.angles_deg[rows], sight.angles_deg[rows] <= _LEAST_ANGLE_DEG
+    farthest = np.where(is_open, np.inf, sight.depths[rows])
     # The scale of a model is its own: far is far against the depths that there are.
-    usual = np.median(depths[np.isfinite(depths)]) if np.isfinite(depths).any() else 1.0
-    points = one.camera[:, 3] + np.minimum(depths, _FAR * usual)[:, None] * one.rays[features]
-    return features, points, angles
+    usual = np.median(farthest[~is_open]) if not is_open.all() else 1.0
+    farthest = np.minimum(farthest, _FAR * usual)
+    nearest = np.where(is_open, sight.bases[rows] / np.radians(_LEAST_ANGLE_DEG), farthest)
+    nearest, farthest = (
+        one.camera[:, 3] + depths[:, None] * one.rays[features]
+        for depths in (np.minimum(nearest, farthest), farthest)
+    )
+    return features, nearest, farthest, angles
 
 
 def _in_view(one: _View, other: _View, points: FloatArray, angles_deg: FloatArray) -> BoolArray:

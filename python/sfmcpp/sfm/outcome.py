@@ -183,8 +183,9 @@ def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
         guesses.update(used[cameras.guessed[used] & (world.intrinsics[used, 0] == usual[used])].tolist())
     if not guesses:
         return []
+    number = "one camera" if len(guesses) == 1 else f"{len(guesses)} cameras"
     return [
-        f"the focal length of {len(guesses)} cameras is a guess, first {usual[min(guesses)]:.0f} px: "
+        f"the focal length of {number} is a guess, first {usual[min(guesses)]:.0f} px: "
         "too few images to determine it, the model may be distorted"
     ]
 

@@ -32,6 +32,7 @@ from sfmcpp.sfm.cameras import (
     as_in_database,
     parse_camera_argument,
 )
+from sfmcpp.sfm.differing_focals import differing_focals
 from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_positions
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
 from sfmcpp.sfm.georeference import georeference_map
@@ -383,6 +384,7 @@ def _finished_run(
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
             *held_camera_warnings(grown.models, scene.cameras),
+            *differing_focals(grown.models, scene.cameras, run.settings, run.sharing),
         ],
         interrupted=grown.interrupted,
     )

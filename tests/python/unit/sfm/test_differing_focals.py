@@ -1,0 +1,44 @@
+"""Images that share a guessed focal length by default are warned of where they were taken with several."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sfmcpp import circle_scene
+from sfmcpp.ba import residuals_px
+from sfmcpp.model.image_tracks import ImageTracks, image_tracks
+from sfmcpp.sfm import SfmRun, reconstruct
+
+SAYS = "seem to differ in focal length"
+
+
+def tracks(zoom: list[float], seed: int) -> ImageTracks:
+    """What cameras with zooms by turns see of a cloud."""
+    problem = circle_scene(
+        12, 250, radius_m=9.0, pixel_sigma_px=0.0, focal_px=700.0, camera_model="perspective", seed=seed
+    )
+    problem.intrinsics[:, 0] *= np.resize(zoom, 12)
+    pixels = problem.pixels - residuals_px(problem)
+    pixels += np.random.default_rng(seed).normal(0, 0.3, pixels.shape)
+    inside = ((pixels > 0) & (pixels < [640, 480])).all(axis=1)
+    image, point = problem.camera_index[inside], problem.point_index[inside]
+    return image_tracks(image, point, pixels[inside], sizes=[np.array([640, 480])] * 12)
+
+
+def warned(run: SfmRun) -> bool:
+    return any(SAYS in warning for warning in run.warnings)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_photos_of_several_zooms_that_share_a_focal_length_are_warned_of(seed: int) -> None:
+    assert warned(reconstruct(tracks([1.0, 1.4, 0.8], seed)))
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_photos_of_one_focal_length_are_not(seed: int) -> None:
+    assert not warned(reconstruct(tracks([1.0], seed)))
+
+
+def test_photos_that_do_not_share_by_default_are_not() -> None:
+    assert not warned(reconstruct(tracks([1.0, 1.4, 0.8], 11), shared_camera="each"))
