@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import CameraFunction, ConstraintGroup, Problem, Rigs, camera_model
+from sfmcpp.model.arguments import require_instance
 from sfmcpp.model.arrays import IndexArray, index_array, number_array
 from sfmcpp.model.constraints import NO_CAMERA
 from sfmcpp.model.residual_group import Group, ResidualGroup, checked_groups
@@ -33,17 +34,11 @@ def core_arrays(problem: Problem) -> dict[str, Any]:
 
     They say where the core reads and writes, while a callback or another thread may change the caller's.
     """
-    require_problem(problem)
+    require_instance("problem", problem, Problem)
     rigs = remade(problem).rigs  # and the shapes are right: the core compares sizes
     views = {name: getattr(problem, name) for name in _NUMBERS}
     copies = {name: number_array(name, getattr(problem, name)).copy() for name in _STRUCTURE}
     return {"camera_model": _core_model(problem), **views, **copies, **_rig_arrays(rigs)}
-
-
-def require_problem(problem: object) -> None:
-    """Raise InvalidArgument for anything else."""
-    if not isinstance(problem, Problem):
-        raise InvalidArgument(f"problem = {problem!r}: must be a Problem")
 
 
 def with_own_fields(problem: Problem) -> Problem:
@@ -54,7 +49,7 @@ def with_own_fields(problem: Problem) -> Problem:
     InvalidArgument
         If it is no problem.
     """
-    require_problem(problem)
+    require_instance("problem", problem, Problem)
     own = copy(problem)
     own.rigs, own.metadata = copy(problem.rigs), copy(problem.metadata)
     return own

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
+import reprlib
 import types
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from numbers import Real
@@ -27,6 +28,8 @@ Rule = Callable[[str, Any], Any]
 Shape = tuple[int | str, ...]
 
 _UNIONS = (Union, types.UnionType)
+# Runs and maps would fill pages of an error.
+_LONGEST = 500
 
 
 def checked(**shapes: Shape) -> Callable[[Function], Function]:
@@ -156,17 +159,23 @@ def _any_rule(hints: Sequence[Any]) -> Rule:
     return rule
 
 
+def require_instance(name: str, value: Any, cls: type) -> Any:
+    """`value`; InvalidArgument, with what makes a `cls` of it, if it is none."""
+    if not isinstance(value, cls):
+        article = "an" if cls.__name__[0] in "AEIOU" else "a"
+        way = getattr(type(value), "made_into", {}).get(cls.__name__)
+        hint = "" if way is None else f", which {way} makes of it"
+        raise InvalidArgument(f"{name} = {_in_short(value)}: must be {article} {cls.__name__}{hint}")
+    return value
+
+
+def _in_short(value: Any) -> str:
+    whole = repr(value)
+    return whole if len(whole) <= _LONGEST else reprlib.repr(value)
+
+
 def _instance_rule(cls: type) -> Rule:
-    article = "an" if cls.__name__[0] in "AEIOU" else "a"
-
-    def rule(name: str, value: Any) -> Any:
-        if not isinstance(value, cls):
-            way = getattr(type(value), "made_into", {}).get(cls.__name__)
-            hint = "" if way is None else f", which {way} makes of it"
-            raise InvalidArgument(f"{name} = {value!r}: must be {article} {cls.__name__}{hint}")
-        return value
-
-    return rule
+    return lambda name, value: require_instance(name, value, cls)
 
 
 def _tuple_rule(rules: Sequence[Rule]) -> Rule:
