@@ -49,10 +49,8 @@ OPTIONS: dict[str, Any] = {"function_tolerance": 0.0, "max_iterations": 10, "thr
 
 def steps_of_the_whole(camera_model: str, method: str, line_search: str = "none") -> None:
     """Ten steps cost what those of one process do; cut by the solve or before it, with the same bits."""
-    how: Any = {"method": method, "line_search": line_search}
-    how |= (
-        {"initial_damping": 1e-4, "acceleration": "none"} if method == "lm-nielsen" else {}
-    )  # less rounding
+    less_rounding = {"initial_damping": 1e-4, "acceleration": "none"} if method == "lm-nielsen" else {}
+    how: Any = {"method": method, "line_search": line_search, **less_rounding}
     start = sfmcpp.as_projective(scene()) if camera_model == "projective" else scene()
     alone, given, brought = start.copy(), start.copy(), own_part(start)
     expected = sfmcpp.solve(alone, **how, **OPTIONS)
