@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -120,14 +119,14 @@ for _power, _prefix in enumerate("KMGT", start=1):
 
 def _number_of_bytes(text: str) -> float:
     match = re.fullmatch(r"\s*([0-9.eE+]+)\s*([A-Za-z]*)\s*", text)
-    number = None
-    with suppress(ValueError):
-        number = float(match[1]) * _BYTES[match[2].upper()] if match and match[2].upper() in _BYTES else None
-    if match is None or number is None:
-        raise typer.BadParameter(f"{text!r} is no number of bytes, such as 8GB, 500MB or 2GiB")
-    if not match[2] and number < _LEAST_BYTES:
+    number, unit = match.groups() if match else ("", "")
+    try:
+        count = float(number) * _BYTES[unit.upper()]
+    except (ValueError, KeyError):
+        raise typer.BadParameter(f"{text!r} is no number of bytes, such as 8GB, 500MB or 2GiB") from None
+    if not unit and count < _LEAST_BYTES:
         raise typer.BadParameter(f"{text!r} has no unit, and means bytes: write {text}GB or {text}MB")
-    return number
+    return count
 
 
 def _number_or_text(option: SolveOption) -> Callable[[str], float | str]:
