@@ -1,5 +1,6 @@
 #include "sfmcpp/ba/bending.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -23,10 +24,11 @@ Bending::Bending(const ImageResiduals& images,
       kernel_(residuals::bending_kernel(images.problem().camera_model)),
       num_values_(2 * static_cast<std::size_t>(rows)) {}
 
-const std::vector<double>& Bending::along(const optim::State& state,
-                                          const linear::Step& step,
-                                          std::span<const double> weights) {
+std::span<const double> Bending::along(const optim::State& state,
+                                       const linear::Step& step,
+                                       std::span<const double> weights) {
   values_.resize(num_values_);
+  std::fill(values_.begin() + 2L * images_.graph().num_observations(), values_.end(), 0.0);
   if (const CameraFunction* function = images_.problem().camera_model.function()) {
     bend_by_function(*function, state, step, weights);
   } else {

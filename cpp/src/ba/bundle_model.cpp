@@ -338,7 +338,7 @@ double BundleModel::chunk_slope(const State& state, const linear::Step& step, in
   return sum;
 }
 
-const std::vector<double>& BundleModel::bending(const State& state, const linear::Step& step) {
+std::span<const double> BundleModel::bending(const State& state, const linear::Step& step) {
   return bending_.along(state, step, weights());
 }
 

@@ -16,12 +16,90 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // An observation that grows by less than this share of all growth does not matter.
 constexpr double kLeastShareOfGrowth = 1e-4;
 constexpr int kHalvings = 6;
-constexpr int kHeldPointsPerTask = 16;
 
 // By how much a cost grows; infinite where it is no number.
 double growth_from(double before, double after) {
   const double growth = after - before;
   return std::isnan(growth) ? kInfinity : std::max(growth, 0.0);
+}
+
+// Some points on their way from a start to a candidate.
+class Path {
+ public:
+  Path(const PointLanes& lanes, const State& start, const State& candidate)
+      : lanes_(lanes),
+        size_(lanes.images().problem().point_storage()),
+        candidate_(candidate),
+        from_(lanes.places_in(start)),
+        to_(lanes.places_in(candidate)),
+        best_(to_) {
+    cost(start, from_, enough_);
+    cost(candidate, to_, whole_);
+    least_ = whole_;
+  }
+
+  // Whether any costs more than at the start.
+  bool goes_on() const {
+    bool any = false;
+    for (int lane = 0; lane < lanes_.size(); ++lane) any |= goes_on(lane);
+    return any;
+  }
+
+  void try_length(double length) {
+    LanePlaces there;
+    for (int k = 0; k < size_; ++k) {
+      for (int lane = 0; lane < lanes_.size(); ++lane) {
+        const double from = from_.numbers[k][lane], to = to_.numbers[k][lane];
+        there.numbers[k][lane] = from + length * (to - from);
+      }
+    }
+    PointLanes::Costs costs;
+    cost(candidate_, there, costs);
+    for (int lane = 0; lane < lanes_.size(); ++lane) {
+      if (goes_on(lane) && costs[lane] < least_[lane]) take(lane, there, costs[lane]);
+    }
+  }
+
+  // Moves the points to the best of the places; how many.
+  long move(State& candidate) const {
+    long moved = 0;
+    for (int lane = 0; lane < lanes_.size(); ++lane) {
+      if (!(least_[lane] < whole_[lane])) continue;
+      best_.get(lane, size_, lanes_.place_in(candidate, lane));
+      ++moved;
+    }
+    return moved;
+  }
+
+ private:
+  // Infinite where it is no number.
+  void cost(const State& cameras, const LanePlaces& places, PointLanes::Costs& costs) const {
+    lanes_.cost(cameras, places, costs);
+    for (double& sum : costs) sum = std::isnan(sum) ? kInfinity : sum;
+  }
+
+  bool goes_on(int lane) const { return least_[lane] > enough_[lane]; }
+
+  void take(int lane, const LanePlaces& places, double cost) {
+    least_[lane] = cost;
+    for (int k = 0; k < size_; ++k) best_.numbers[k][lane] = places.numbers[k][lane];
+  }
+
+  const PointLanes& lanes_;
+  int size_;
+  const State& candidate_;
+  LanePlaces from_, to_, best_;
+  PointLanes::Costs enough_, whole_, least_;
+};
+
+// To half the step, a quarter, … or none of it: the first length at which a point costs no more
+// than at the start, else the best. Short lengths that cost least have kept points in local minima.
+// How many points.
+long draw_back(const PointLanes& lanes, const State& start, State& candidate) {
+  Path path(lanes, start, candidate);
+  for (int halving = 1; halving <= kHalvings + 1 && path.goes_on(); ++halving)
+    path.try_length(halving > kHalvings ? 0.0 : std::ldexp(1.0, -halving));
+  return path.move(candidate);
 }
 
 }  // namespace
@@ -49,18 +127,11 @@ double HeldPoints::growth_of_cameras() const {
   return sum;
 }
 
-long HeldPoints::hold_back(const State& start, State& candidate) const {
-  const std::vector<int> points = suspects(start, candidate);
-  const auto count = static_cast<int>(points.size());
-  const CompensatedSum held =
-      images_.pool().sum((count + kHeldPointsPerTask - 1) / kHeldPointsPerTask, [&](int task) {
-        double drawn = 0.0;
-        const int end = std::min(count, (task + 1) * kHeldPointsPerTask);
-        for (int k = task * kHeldPointsPerTask; k < end; ++k)
-          drawn += draw_back(start, points[k], candidate) ? 1.0 : 0.0;
-        return drawn;
-      });
-  return std::lround(images_.exchange().sum(held));
+long HeldPoints::hold_back(const State& start, State& candidate) {
+  std::vector<int> points = suspects(start, candidate);
+  std::atomic<long> held = 0;
+  lanes_.for_each(points, [&](PointLanes& lanes) { held += draw_back(lanes, start, candidate); });
+  return std::lround(images_.exchange().sum(static_cast<double>(held)));
 }
 
 std::vector<int> HeldPoints::suspects(const State& start, const State& candidate) const {
@@ -94,37 +165,6 @@ void HeldPoints::suspect(const State& start,
       std::atomic_ref(suspected[images_.graph().point[chunk.begin + k]])
           .store(1, std::memory_order_relaxed);
   }
-}
-
-// To half the step, a quarter, … or none of it: the first length at which the point costs no more
-// than at the start, else the best. Short lengths that cost least have kept points in local minima.
-bool HeldPoints::draw_back(const State& start, int p, State& candidate) const {
-  const int size = images_.problem().point_storage();
-  const double* from = start.points.data() + images_.problem().point_offset(p);
-  double* to = candidate.points.data() + images_.problem().point_offset(p);
-  const double enough = cost(start, p, from), whole = cost(candidate, p, to);
-  double least = whole;
-  std::array<double, kMaxPointStorage> place, best;
-  std::copy_n(to, size, best.data());
-  for (int halving = 1; least > enough && halving <= kHalvings + 1; ++halving) {
-    const double length = halving > kHalvings ? 0.0 : std::ldexp(1.0, -halving);
-    for (int k = 0; k < size; ++k) place[k] = from[k] + length * (to[k] - from[k]);
-    const double there = cost(candidate, p, place.data());
-    if (there >= least) continue;
-    least = there;
-    best = place;
-  }
-  std::copy_n(best.data(), size, to);
-  return least < whole;
-}
-
-// Of a point at a place, as the cameras of a state see it; infinite where it is no number.
-double HeldPoints::cost(const State& state, int p, const double* place) const {
-  const linear::ObservationGraph& graph = images_.graph();
-  double sum = 0.0;
-  for (int e = graph.point_begin[p]; e < graph.point_begin[p + 1]; ++e)
-    sum += images_.rho(images_.square_at_place(state, graph.of_point[e], place));
-  return std::isnan(sum) ? kInfinity : sum;
 }
 
 }  // namespace sfmcpp::ba

@@ -44,7 +44,7 @@ class ChangingSolver final : public LinearSolver {
   bool can_solve_again(Unknowns unknowns) const override {
     return has_factors_ && solver_->can_solve_again(unknowns);
   }
-  bool solve_again(Unknowns unknowns, const std::vector<double>& residuals, Step& step) override {
+  bool solve_again(Unknowns unknowns, std::span<const double> residuals, Step& step) override {
     return solver_->solve_again(unknowns, residuals, step);
   }
 

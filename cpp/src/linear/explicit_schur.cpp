@@ -52,7 +52,7 @@ LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
 }
 
 bool ExplicitSchurSolver::solve_again(Unknowns unknowns,
-                                      const std::vector<double>& residuals,
+                                      std::span<const double> residuals,
                                       Step& step) {
   if (unknowns == Unknowns::kPoints) {
     other_residuals_.solve_points(residuals, step);

@@ -28,7 +28,7 @@ class IterativeSolver final : public LinearSolver {
                           const std::function<bool()>& should_stop) override;
   bool wants_camera_modes() const override { return preconditioner_.wants_camera_modes(); }
   bool can_solve_again(Unknowns unknowns) const override { return unknowns == Unknowns::kPoints; }
-  bool solve_again(Unknowns, const std::vector<double>& residuals, Step& step) override {
+  bool solve_again(Unknowns, std::span<const double> residuals, Step& step) override {
     other_residuals_.solve_points(residuals, step);
     return true;
   }

@@ -7,15 +7,11 @@
 #include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/schur_kernels.hpp"
 #include "sfmcpp/linear/vector_algebra.hpp"
+#include "sfmcpp/math/inverse_factor.hpp"
 
 namespace sfmcpp::linear {
 namespace {
 
-// A parameter that nothing observes still gets a positive damping. Both bounds are far outside what
-// any units make of an entry: those of points at a distance of 1e12 are 1e-20, and a bound within
-// their reach would make steps depend on units.
-constexpr double kMinDiagonal = 1e-32;
-constexpr double kMaxDiagonal = 1e32;
 // Of unknowns that are held: their steps are a millionth of what they would be by themselves.
 constexpr Damping kHeldDamping{1e6, DampingMatrix::kDiagonal};
 
@@ -93,7 +89,7 @@ SchurKernels schur_kernels(int camera_size, Precision stored) {
 
 double Damping::operator()(double diagonal_entry) const {
   if (matrix == DampingMatrix::kIdentity) return lambda;
-  return lambda * std::clamp(diagonal_entry, kMinDiagonal, kMaxDiagonal);
+  return lambda * bounded_diagonal(diagonal_entry);
 }
 
 NormalEquations::NormalEquations(const ObservationGraph& graph,

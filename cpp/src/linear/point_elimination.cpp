@@ -1,45 +1,13 @@
 #include "sfmcpp/linear/point_elimination.hpp"
 
 #include <algorithm>
-#include <cmath>
+
+#include "sfmcpp/core/isa.hpp"
 
 namespace sfmcpp::linear {
-namespace {
 
-// Pivots below this share of their diagonal entry carry no information: the point stays where it is
-// along that direction.
-constexpr double kPivotTolerance = 1e-13;
-
-double inverse_root(double pivot, double diagonal) {
-  return pivot > kPivotTolerance * diagonal && pivot > 0.0 ? 1.0 / std::sqrt(pivot) : 0.0;
-}
-
-}  // namespace
-
-PointFactor factor_of(const PointBlock& v, const Damping& damping) {
-  const double* b = v.rhs;
-  const double d0 = v.v00 + damping(v.v00);
-  const double d1 = v.v11 + damping(v.v11);
-  const double d2 = v.v22 + damping(v.v22);
-  // L row by row, with reciprocal pivots; then M = L⁻¹ by forward substitution.
-  const double m00 = inverse_root(d0, d0);
-  const double l10 = v.v10 * m00, l20 = v.v20 * m00;
-  const double m11 = inverse_root(d1 - l10 * l10, d1);
-  const double l21 = (v.v21 - l20 * l10) * m11;
-  const double m22 = inverse_root(d2 - l20 * l20 - l21 * l21, d2);
-  const double m10 = -l10 * m00 * m11;
-  const double m21 = -l21 * m11 * m22;
-  const double m20 = -(l20 * m00 + l21 * m10) * m22;
-  return {m00,
-          m10,
-          m11,
-          m20,
-          m21,
-          m22,
-          {m00 * b[0], m10 * b[0] + m11 * b[1], m20 * b[0] + m21 * b[1] + m22 * b[2]}};
-}
-
-PointElimination::PointElimination(const NormalEquations& normal) : normal_(normal) {
+PointElimination::PointElimination(const NormalEquations& normal)
+    : normal_(normal), factor_points_(SFMCPP_FOR_ACTIVE_ISA(factor_points_kernel())) {
   const ObservationGraph& graph = normal.graph();
   factors_.resize(static_cast<std::size_t>(graph.num_points));
   steps_.resize(static_cast<std::size_t>(graph.num_cameras) * normal.map().camera_size);
@@ -47,9 +15,20 @@ PointElimination::PointElimination(const NormalEquations& normal) : normal_(norm
 }
 
 void PointElimination::factor(const Damping& damping) {
-  for_each_point(normal_.pool(), normal_.graph().num_points, [&](int p) {
-    factors_[p] =
-        normal_.map().free_point[p] ? factor_of(normal_.point_block(p), damping) : PointFactor{};
+  static_assert(sizeof(PointBlock) == sizeof(PointFactor));
+  const std::vector<char>& is_free = normal_.map().free_point;
+  const bool identity = damping.matrix == DampingMatrix::kIdentity;
+  normal_.pool().parallel_for(num_point_tasks(normal_.graph().num_points), [&](int task) {
+    const int begin = task * kPointsPerTask;
+    const int end = std::min(begin + kPointsPerTask, normal_.graph().num_points);
+    factor_points_(end - begin,
+                   &normal_.point_block(begin).v00,
+                   damping.lambda,
+                   identity,
+                   factors_.data() + begin);
+    for (int p = begin; p < end; ++p) {
+      if (!is_free[p]) factors_[p] = PointFactor{};
+    }
   });
 }
 
@@ -99,28 +78,29 @@ void PointElimination::back_substitute(Step& step) {
 OtherResiduals::OtherResiduals(const NormalEquations& normal, PointElimination& elimination)
     : normal_(normal), elimination_(elimination) {}
 
-void OtherResiduals::solve_points(const std::vector<double>& residuals, Step& step) {
+void OtherResiduals::solve_points(std::span<const double> residuals, Step& step) {
   step.camera.assign(normal_.map().num_columns, 0.0);
-  eliminate(residuals, step.point);
+  step.point.resize(3 * static_cast<std::size_t>(normal_.graph().num_points));
+  eliminate(residuals, step.point.data());
 }
 
-void OtherResiduals::eliminate(const std::vector<double>& residuals, std::vector<double>& shifts) {
+void OtherResiduals::eliminate(std::span<const double> residuals, double* shifts) {
   const ObservationGraph& graph = normal_.graph();
-  shifts.resize(3 * static_cast<std::size_t>(graph.num_points));
   normal_.pool().parallel_for(num_point_tasks(graph.num_points), [&](int task) {
     const int begin = task * kPointsPerTask;
     const int end = std::min(begin + kPointsPerTask, graph.num_points);
-    double* x = shifts.data() + 3L * begin;
+    double* x = shifts + 3L * begin;
     normal_.kernels().point_gradients(
         graph.view(), begin, end, normal_.jacobian(), residuals.data(), x);
     for (int p = begin; p < end; ++p, x += 3) solve_point(elimination_.factor(p), x, x);
   });
 }
 
-void OtherResiduals::reduce(const std::vector<double>& residuals, std::vector<double>& rhs) {
+void OtherResiduals::reduce(std::span<const double> residuals, std::vector<double>& rhs) {
   const ObservationGraph& graph = normal_.graph();
   const long size = normal_.map().camera_size;
-  eliminate(residuals, shifts_);
+  shifts_.resize(3 * static_cast<std::size_t>(graph.num_points));
+  eliminate(residuals, shifts_.data());
   chunk_sums_.resize(graph.chunks.size() * static_cast<std::size_t>(size));
   normal_.pool().parallel_for(static_cast<int>(graph.chunks.size()), [&](int chunk) {
     const Chunk& c = graph.chunks[chunk];

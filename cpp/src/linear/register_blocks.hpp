@@ -240,6 +240,24 @@ inline void add_outer_on_grid(Block<D, kFirst, kWidth>& block,
   }
 }
 
+// row ← row · x, number by number.
+template <int D, int kFirst = 0>
+inline void multiply(Row<D, kFirst>& row, const Row<D, kFirst>& x) {
+  if constexpr (kFirst < D) {
+    row.head = row.head * x.head;
+    multiply(row.tail, x.tail);
+  }
+}
+
+template <int D, int kFirst = 0>
+inline double sum_of_row(const Row<D, kFirst>& row) {
+  if constexpr (kFirst < D) {
+    return sum_of_lanes(row.head) + sum_of_row(row.tail);
+  } else {
+    return 0.0;
+  }
+}
+
 template <int D, int kFirst = 0>
 inline double dot(const Row<D, kFirst>& a, const Row<D, kFirst>& b) {
   if constexpr (kFirst < D) {

@@ -182,17 +182,24 @@ void point_sums(const GraphView& graph,
   const Stored<D, T> stored(jacobian);
   const int last = graph.point_begin[end];
   for (int p = begin; p < end; ++p) {
-    double s[3] = {0.0, 0.0, 0.0};
+    Row<D> by_lane[3];  // of Σ Aᵀ J x
+    for (Row<D>& sum : by_lane) set_zero(sum);
     for (int position = graph.point_begin[p]; position < graph.point_begin[p + 1]; ++position) {
       if (position + kAhead < last) stored.prefetch(graph.of_point[position + kAhead]);
       const long b = graph.of_point[position];
-      const Rows<D> rows(stored.j(b));
+      Rows<D> rows(stored.j(b));
       Row<D> step;
       load_row(steps + static_cast<long>(D) * graph.camera[b], step);
-      const double e0 = dot(rows.first, step), e1 = dot(rows.second, step);
+      multiply(rows.first, step);
+      multiply(rows.second, step);
       const auto& a = stored.record(b).row;
-      for (int k = 0; k < 3; ++k) s[k] += a[0].by_point[k] * e0 + a[1].by_point[k] * e1;
+      for (int k = 0; k < 3; ++k) {
+        add_scaled(by_lane[k], rows.first, a[0].by_point[k]);
+        add_scaled(by_lane[k], rows.second, a[1].by_point[k]);
+      }
     }
+    double s[3];
+    for (int k = 0; k < 3; ++k) s[k] = sum_of_row(by_lane[k]);
     const PointFactor& m = factors[p];
     double* sum = sums + 3L * (p - begin);
     sum[0] = m.m00 * s[0];

@@ -31,9 +31,9 @@ BendingKernel bending_kernel(const CameraModel& model) {
   return SFMCPP_FOR_ACTIVE_ISA(bending_kernel_for(model.compiled()));
 }
 
-PlaceKernel place_kernel(const CameraModel& model) {
+PlaceKernels place_kernels(const CameraModel& model) {
   if (model.function() != nullptr) return {};
-  return SFMCPP_FOR_ACTIVE_ISA(place_kernel_for(model.compiled()));
+  return SFMCPP_FOR_ACTIVE_ISA(place_kernels_for(model.compiled()));
 }
 
 }  // namespace sfmcpp::residuals

@@ -47,7 +47,7 @@ TEST_P(BendingOfAProblem, IsMinusTheWeightedSecondDifferenceOfTheResiduals) {
   work.model.linearize(work.state);
   linear::Step step;
   ASSERT_TRUE(work.solve({linear::LinearSolverKind::kDense}, {1e-3}, step).success);
-  const std::vector<double>& bending = work.model.bending(work.state, step);
+  const std::span<const double> bending = work.model.bending(work.state, step);
   constexpr double kLength = 0.05;
   const std::vector<double> here = residuals(step, 0.0), ahead = residuals(step, kLength),
                             behind = residuals(step, -kLength);

@@ -28,7 +28,7 @@ class SolveAgain : public testing::TestWithParam<support::SystemOptions> {
     EXPECT_TRUE(solver->solve(damping, step, [] { return false; }).success);
     const VectorXd h = other_residuals();
     EXPECT_TRUE(solver->can_solve_again(unknowns));
-    EXPECT_TRUE(solver->solve_again(unknowns, {h.begin(), h.end()}, step));
+    EXPECT_TRUE(solver->solve_again(unknowns, std::span(h.data(), h.size()), step));
     return step;
   }
 

@@ -27,7 +27,7 @@ class ForwardingModel : public optim::LeastSquaresModel {
                const optim::State& candidate) override {
     return model_.slope(start, step, candidate);
   }
-  const std::vector<double>& bending(const optim::State& state, const linear::Step& step) override {
+  std::span<const double> bending(const optim::State& state, const linear::Step& step) override {
     return model_.bending(state, step);
   }
 

@@ -20,7 +20,7 @@ struct InstructionSet {
   residuals::CostKernels (*cost)(CameraModelId);
   residuals::AlgebraicKernel (*algebraic)(CameraModelId);
   residuals::BendingKernel (*bending)(CameraModelId);
-  residuals::PlaceKernel (*places)(CameraModelId);
+  residuals::PlaceKernels (*places)(CameraModelId);
   residuals::ResectionKernels (*resection)(CameraModelId);
   linear::SchurKernels (*schur)(int camera_size, linear::Precision stored);
   linear::CholeskyKernels (*cholesky)();
@@ -33,7 +33,7 @@ inline std::vector<InstructionSet> instruction_sets() {
                                     &residuals::baseline::cost_kernels_for,
                                     &residuals::baseline::algebraic_kernel_for,
                                     &residuals::baseline::bending_kernel_for,
-                                    &residuals::baseline::place_kernel_for,
+                                    &residuals::baseline::place_kernels_for,
                                     &residuals::baseline::resection_kernels_for,
                                     &linear::baseline::kernels_for,
                                     &linear::baseline::cholesky_kernels_of,
@@ -45,7 +45,7 @@ inline std::vector<InstructionSet> instruction_sets() {
                     &residuals::avx2::cost_kernels_for,
                     &residuals::avx2::algebraic_kernel_for,
                     &residuals::avx2::bending_kernel_for,
-                    &residuals::avx2::place_kernel_for,
+                    &residuals::avx2::place_kernels_for,
                     &residuals::avx2::resection_kernels_for,
                     &linear::avx2::kernels_for,
                     &linear::avx2::cholesky_kernels_of,
@@ -57,7 +57,7 @@ inline std::vector<InstructionSet> instruction_sets() {
                     &residuals::avx512::cost_kernels_for,
                     &residuals::avx512::algebraic_kernel_for,
                     &residuals::avx512::bending_kernel_for,
-                    &residuals::avx512::place_kernel_for,
+                    &residuals::avx512::place_kernels_for,
                     &residuals::avx512::resection_kernels_for,
                     &linear::avx512::kernels_for,
                     &linear::avx512::cholesky_kernels_of,

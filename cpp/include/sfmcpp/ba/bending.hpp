@@ -26,9 +26,9 @@ class Bending {
 
   // Two numbers per observation, in stored order, and zeros for what is no image. `weights` of the
   // residuals at `state`, of a robust loss; empty: 1/σ.
-  const std::vector<double>& along(const optim::State& state,
-                                   const linear::Step& step,
-                                   std::span<const double> weights);
+  std::span<const double> along(const optim::State& state,
+                                const linear::Step& step,
+                                std::span<const double> weights);
 
  private:
   // Calls use(c, batch) for every chunk.
@@ -50,7 +50,7 @@ class Bending {
   Frames frames_;
   residuals::BendingKernel kernel_;
   std::size_t num_values_;
-  std::vector<double> values_;
+  AlignedVector<double> values_;
 };
 
 }  // namespace sfmcpp::ba

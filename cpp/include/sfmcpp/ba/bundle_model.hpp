@@ -58,7 +58,7 @@ class BundleModel final : public optim::LeastSquaresModel {
   std::optional<Biquadratic> algebraic_cost(const optim::State& state,
                                             const linear::Step& step) override;
 
-  const std::vector<double>& bending(const optim::State& state, const linear::Step& step) override;
+  std::span<const double> bending(const optim::State& state, const linear::Step& step) override;
   double growth() const override;
   long hold_back(const optim::State& start, optim::State& candidate) override;
 

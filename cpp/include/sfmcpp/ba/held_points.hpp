@@ -8,7 +8,7 @@
 
 #include <vector>
 
-#include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/point_lanes.hpp"
 
 namespace sfmcpp::ba {
 
@@ -17,7 +17,7 @@ class HeldPoints {
   // The references must outlive this object. `movable`: per point, whether it is one of these.
   // `by_camera`: whether growth() is of cameras, whose points any rank may have, or of chunks.
   HeldPoints(const ImageResiduals& images, const std::vector<char>& movable, bool by_camera)
-      : images_(images), movable_(movable), by_camera_(by_camera) {}
+      : images_(images), movable_(movable), by_camera_(by_camera), lanes_(images) {}
 
   // Where the costs of the chunks are to be written: at the state where a step starts, and at its
   // candidate.
@@ -30,7 +30,7 @@ class HeldPoints {
   // Draws back points of `candidate` that cost more there than at `start`; how many, over all
   // ranks. Only points with an observation that makes a ten-thousandth of the growth are looked at:
   // the others do not matter.
-  long hold_back(const optim::State& start, optim::State& candidate) const;
+  long hold_back(const optim::State& start, optim::State& candidate);
 
  private:
   double growth_of_cameras() const;
@@ -40,12 +40,11 @@ class HeldPoints {
                int chunk,
                double least,
                std::vector<char>& suspected) const;
-  bool draw_back(const optim::State& start, int point, optim::State& candidate) const;
-  double cost(const optim::State& state, int point, const double* place) const;
 
   const ImageResiduals& images_;
   const std::vector<char>& movable_;
   bool by_camera_;
+  PointLanesOfThreads lanes_;
   std::vector<double> start_, candidate_;  // of each chunk
 };
 

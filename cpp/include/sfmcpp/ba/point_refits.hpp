@@ -15,9 +15,8 @@
 
 #include <vector>
 
-#include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/ba/point_lanes.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
-#include "sfmcpp/residuals/reprojection.hpp"
 
 namespace sfmcpp::ba {
 
@@ -35,7 +34,7 @@ class PointRefits {
              const linear::NormalEquations& normal,
              const linear::Step& step,
              double cost,
-             optim::State& candidate) const;
+             optim::State& candidate);
 
  private:
   void mark_beyond_model(const linear::NormalEquations& normal,
@@ -43,13 +42,11 @@ class PointRefits {
                          double least,
                          double focal2,
                          char* beyond) const;
-  template <class F>
-  void for_parts_of(const std::vector<int>& points, const F& f) const;
   double mean_squared_focal(const optim::State& state) const;
 
   const ImageResiduals& images_;
   const std::vector<char>& movable_;
-  residuals::PlaceKernel kernel_;
+  PointLanesOfThreads lanes_;
   double inverse_variance_;  // mean of 1/σ²
 };
 

@@ -171,9 +171,9 @@ struct MetricCamera : MetricSpace {
   static constexpr auto kIntrinsicNames = Lens::kNames;
   static constexpr int kIntrinsics = Lens::kIntrinsics;
 
-  template <class Real>
-  static ImagePoint<Real> project(const double* camera,
-                                  const double* intrinsics,
+  template <class Parameter, class Real>
+  static ImagePoint<Real> project(const Parameter* camera,
+                                  const Parameter* intrinsics,
                                   const Real* point) {
     Real x[3];
     to_camera(camera, point, x);

@@ -22,8 +22,8 @@ struct ProjectiveCamera {
   static constexpr int kIntrinsics = 0;  // none is ever free
   static constexpr int kPointStorage = 4;
 
-  template <class Real>
-  static ImagePoint<Real> project(const double* p, const double* frame, const Real* q) {
+  template <class Parameter, class Real>
+  static ImagePoint<Real> project(const Parameter* p, const Parameter* frame, const Real* q) {
     Real x[3];
     multiply(p, q, x);
     const Real inverse = Real(1.0) / x[2];

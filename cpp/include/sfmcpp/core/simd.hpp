@@ -80,6 +80,17 @@ SFMCPP_INLINE double select_less(double a, double b, double yes, double no) {
 }
 
 template <int W>
+SFMCPP_INLINE Pack<W> square_root(Pack<W> a) {
+  if constexpr (W == 1) {
+    return Pack<W>(__builtin_sqrt(a.v));
+  } else {
+    for (int lane = 0; lane < W; ++lane) a.v[lane] = __builtin_sqrt(a.v[lane]);
+    return a;
+  }
+}
+SFMCPP_INLINE double square_root(double a) { return __builtin_sqrt(a); }
+
+template <int W>
 SFMCPP_INLINE Pack<W> load(const double* p) {
   Pack<W> r;
   __builtin_memcpy(&r.v, p, sizeof(r.v));

@@ -30,7 +30,7 @@ class ExplicitSchurSolver final : public LinearSolver {
                           const std::function<bool()>& should_stop) override;
 
   bool can_solve_again(Unknowns) const override { return true; }
-  bool solve_again(Unknowns unknowns, const std::vector<double>& residuals, Step& step) override;
+  bool solve_again(Unknowns unknowns, std::span<const double> residuals, Step& step) override;
 
   // The factorisation alone, and solutions with it: `x` holds the right-hand side in reduced
   // columns before and the solution after. False where the matrix is not positive definite.

@@ -112,7 +112,7 @@ class LinearSolver {
   virtual bool can_solve_again(Unknowns) const { return false; }
   // The step that solves the system of the last `solve` with Jᵀ h on its right, for other residuals
   // h of the observations, two each; those of constraints are taken as zero. False: not finite.
-  virtual bool solve_again(Unknowns, const std::vector<double>& /*residuals*/, Step& /*step*/) {
+  virtual bool solve_again(Unknowns, std::span<const double> /*residuals*/, Step& /*step*/) {
     return false;
   }
 };

@@ -3,6 +3,7 @@
 // δp = Mᵀ (y − Σ Gᵀ Jc δc), in the notation of schur_kernels.hpp.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
@@ -16,9 +17,6 @@ inline void multiply_by_transposed_factor(const PointFactor& m, const double* z,
   out[1] = m.m11 * z[1] + m.m21 * z[2];
   out[2] = m.m22 * z[2];
 }
-
-// M and y of a point.
-PointFactor factor_of(const PointBlock& v, const Damping& damping);
 
 // out = Mᵀ M x = (V + λD)⁻¹ x, which may be x.
 inline void solve_point(const PointFactor& m, const double* x, double* out) {
@@ -49,6 +47,7 @@ class PointElimination {
 
  private:
   const NormalEquations& normal_;
+  FactorPoints factor_points_;
   AlignedVector<PointFactor> factors_;
   AlignedVector<double> steps_;  // x per camera
   AlignedVector<double> sums_;   // per point
@@ -65,18 +64,18 @@ class OtherResiduals {
   OtherResiduals(const NormalEquations& normal, PointElimination& elimination);
 
   // The step of the points while the cameras stay; h has two numbers for each observation.
-  void solve_points(const std::vector<double>& residuals, Step& step);
+  void solve_points(std::span<const double> residuals, Step& step);
   // The reduced right-hand side; residuals that see cameras alone are taken as zero.
-  void reduce(const std::vector<double>& residuals, std::vector<double>& rhs);
+  void reduce(std::span<const double> residuals, std::vector<double>& rhs);
   // δp of every point, given δc in `step.camera`, for the h that was reduced last.
   void back_substitute(Step& step);
 
  private:
-  void eliminate(const std::vector<double>& residuals, std::vector<double>& shifts);
+  void eliminate(std::span<const double> residuals, double* shifts);
 
   const NormalEquations& normal_;
   PointElimination& elimination_;
-  std::vector<double> shifts_;        // t of each point
+  AlignedVector<double> shifts_;      // t of each point
   AlignedVector<double> chunk_sums_;  // a camera block per chunk
 };
 

@@ -58,6 +58,11 @@ struct ObservationPair {
   int first, second;
 };
 
+// M and y of n points from V + λD and b, nine numbers of each; D is the diagonal of V or the
+// identity.
+using FactorPoints =
+    void (*)(int n, const double* blocks, double lambda, bool identity, PointFactor* factors);
+
 // Numbers that sums of pairs keep for each observation of camera i.
 inline constexpr int kWhitenedNumbers = 8;
 
@@ -168,6 +173,7 @@ struct SchurKernels {
 // `camera_size` must be one of padded_camera_size(), the precision not auto.
 SchurKernels schur_kernels(int camera_size, Precision stored);
 
+SFMCPP_DECLARE_FOR_EACH_ISA(FactorPoints factor_points_kernel())
 SFMCPP_DECLARE_FOR_EACH_ISA(SchurKernels kernels_for(int camera_size, Precision stored))
 
 }  // namespace sfmcpp::linear

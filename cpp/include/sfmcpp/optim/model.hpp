@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <optional>
+#include <span>
 
 #include "sfmcpp/linear/normal_equations.hpp"
 #include "sfmcpp/linear/vector_algebra.hpp"
@@ -46,7 +47,7 @@ class LeastSquaresModel {
   // The second derivative of −r along α ↦ state + α step, for the residuals r of the observations
   // as the normal equations have them, which were filled at `state` last: two numbers each, until
   // the next call. Only the geodesic acceleration asks for it.
-  virtual const std::vector<double>& bending(const State&, const linear::Step&) = 0;
+  virtual std::span<const double> bending(const State&, const linear::Step&) = 0;
 
   // The growth of all parts of the cost that grew from where the normal equations were filled to
   // the last cost(): large if a few unknowns spoil the step of the others.

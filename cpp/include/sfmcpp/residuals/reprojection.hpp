@@ -98,32 +98,54 @@ struct BendingKernel {
 
 BendingKernel bending_kernel(const CameraModel& model);
 
-// Reprojection residuals of points at places that are tried for them, and their derivatives by the
-// place: observations of any cameras in any order, for the camera model and instruction set chosen
-// at run time. Indices must be readable and in range, and numbers readable, kReadAhead beyond the
-// end.
-struct PlaceBatch {
+// Points side by side, kPlaceLanes of them, at places that are tried for them: row k has what each
+// sees as number k, in any cameras. Entries beyond the last of a point do not count; their indices
+// must be in range.
+inline constexpr int kPlaceLanes = 8;
+
+struct PlaceRows {
   const double* cameras;  // 12 numbers each
-  const int* camera;      // of each observation
   const double* intrinsics;
+  int num_rows;
+  // kPlaceLanes in each row.
+  const int* camera;
   const int* intrinsics_row;
-  const double* places;
-  const int* place;
   const double* u;  // observed pixels
   const double* v;
   const double* inverse_sigma;
-  int count;
+  const double* shear;  // null where all Σ = σ²I (whitening.hpp), as is the next
+  const double* stretch;
+  const double* count;  // rows of each point
+  // ρ and ρ′ of `count` squared residuals; null for least squares.
+  void (*weigh)(const void* loss, int count, const double* squared, double* rho, double* weight);
+  const void* loss;
 };
 
-struct PlaceKernel {
-  void (*linearize)(const PlaceBatch&, double* records);
+// The normal equations of the points, number k of lane l at [k][l], and Σ ρ(‖r‖²).
+struct PlaceFits {
+  alignas(64) double v[6][kPlaceLanes];    // lower triangle of Σ ρ′ Aᵀ A, row by row
+  alignas(64) double rhs[3][kPlaceLanes];  // Σ ρ′ Aᵀ r
+  alignas(64) double cost[kPlaceLanes];
 };
 
-PlaceKernel place_kernel(const CameraModel& model);
+// For the camera model and instruction set chosen at run time; number k of the place of lane l is
+// places[kPlaceLanes k + l].
+struct PlaceKernels {
+  void (*cost)(const PlaceRows&, const double* places, double* costs);
+  void (*fit)(const PlaceRows&, const double* places, PlaceFits& fits);
+  // Steps δ = (V + λD)⁻¹ b, D the diagonal of V and λ that of each lane, number k at [k][lane], and
+  // what they promise to lower Σ ρ by: bᵀδ, with little damping.
+  void (*step)(const PlaceFits& fits,
+               const double* lambda,
+               double (*deltas)[kPlaceLanes],
+               double* promises);
+};
+
+PlaceKernels place_kernels(const CameraModel& model);
 
 SFMCPP_DECLARE_FOR_EACH_ISA(ReprojectionKernels kernels_for(CameraModelId model))
 SFMCPP_DECLARE_FOR_EACH_ISA(CostKernels cost_kernels_for(CameraModelId model))
 SFMCPP_DECLARE_FOR_EACH_ISA(BendingKernel bending_kernel_for(CameraModelId model))
-SFMCPP_DECLARE_FOR_EACH_ISA(PlaceKernel place_kernel_for(CameraModelId model))
+SFMCPP_DECLARE_FOR_EACH_ISA(PlaceKernels place_kernels_for(CameraModelId model))
 
 }  // namespace sfmcpp::residuals
