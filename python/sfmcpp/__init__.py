@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from sfmcpp._public import *  # noqa: F403
     from sfmcpp._public import __all__ as __all__
 else:
+    import os
+
     # Loaded when first used, so that a command heeds Ctrl-C before, not after, half a second of imports.
     _PARTS = ("ba", "doctor", "errors", "geometry", "map", "model")
     _PARTS += ("sensors", "sfm", "slam", "sources", "study", "weighting")
@@ -27,6 +29,10 @@ else:
     # One thread at a time: two that begin at different ends would each wait for modules that the other loads,
     # and Python then gives out modules that are half loaded. The core needs none, and they ask for it.
     _LOADING = RLock()
+    # A child has no other threads: what one of them was loading would stay half loaded, and the lock closed.
+    if hasattr(os, "register_at_fork"):
+        _ends = {"after_in_parent": _LOADING.release, "after_in_child": _LOADING.release}
+        os.register_at_fork(before=_LOADING.acquire, **_ends)
 
     def __getattr__(name: str) -> Any:
         if name == "_core":

@@ -1,6 +1,7 @@
 // Views of NumPy arrays, with errors that name the argument, and copies.
 #pragma once
 
+#include <cstdint>
 #include <span>
 #include <string>
 #include <utility>
@@ -14,6 +15,13 @@ namespace sfmcpp::bindings {
 
 namespace py = pybind11;
 
+// Numbers in the bytes of a file or in packed records may begin anywhere.
+template <class Array>
+bool is_aligned(const Array& array) {
+  constexpr auto kAlignment = alignof(typename Array::value_type);
+  return array.size() == 0 || reinterpret_cast<std::uintptr_t>(array.data()) % kAlignment == 0;
+}
+
 // The array must have this dtype and be C-contiguous: a copy would not be seen by the caller.
 template <class T>
 std::span<T> view(const py::dict& arrays, const char* name) {
@@ -24,6 +32,9 @@ std::span<T> view(const py::dict& arrays, const char* name) {
                           py::str(py::dtype::of<std::remove_const_t<T>>()).cast<std::string>());
   }
   auto array = value.cast<py::array_t<std::remove_const_t<T>, py::array::c_style>>();
+  if (!is_aligned(array)) {
+    throw InvalidArgument(std::string(name) + ": must be aligned in memory, as a copy of it is");
+  }
   const auto size = static_cast<std::size_t>(array.size());
   if constexpr (std::is_const_v<T>) {
     return {array.data(), size};

@@ -51,6 +51,8 @@ def with_own_fields(problem: Problem) -> Problem:
     """
     require_instance("problem", problem, Problem)
     own = copy(problem)
+    for name in _STRUCTURE:
+        setattr(own, name, number_array(name, getattr(problem, name)))
     own.rigs, own.metadata = copy(problem.rigs), copy(problem.metadata)
     return own
 

@@ -45,9 +45,12 @@ def _guarded(task: Callable[[], int]) -> int:
             return task()
     except ModuleNotFoundError as error:
         return print_error(_how_to_install(error))
-    except ImportError as error:  # no memory for it, say
-        if isinstance(error.__cause__, KeyboardInterrupt):  # compiled modules make one of the other
+    except (ImportError, RuntimeError) as error:  # no memory for it, say
+        # Compiled modules make one of the other, and so do, before Python 3.12, classes that are made.
+        if isinstance(error.__cause__, KeyboardInterrupt):
             return print_interrupted()
+        if isinstance(error, RuntimeError):
+            raise
         return print_error(f"a part of the program cannot be loaded: {error}")
     except OSError as error:
         return print_error(in_words(error))

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import camera_model
-from sfmcpp.model.arrays import ANY, FloatArray, finite_array
+from sfmcpp.model.arrays import ANY, FloatArray, as_stored, finite_array
 
 PINHOLE = len(camera_model("calibrated").intrinsics)
 _DISTORTED = len(camera_model("perspective").intrinsics)
@@ -77,12 +77,12 @@ def undistorted_pixels(pixels: FloatArray, rows: FloatArray, index: NDArray[np.i
     arrays = {
         "camera_model": "perspective",
         "cameras": np.tile(np.eye(3, 4), (cameras, 1, 1)),
-        "intrinsics": np.ascontiguousarray(rows),
+        "intrinsics": as_stored(rows, np.float64),
         "intrinsics_index": np.arange(cameras, dtype=np.int32),
         "points": np.zeros((1, 3)),
-        "camera_index": np.ascontiguousarray(index, dtype=np.int32),
+        "camera_index": as_stored(index, np.int32),
         "point_index": np.zeros(count, dtype=np.int32),
-        "pixels": np.ascontiguousarray(pixels),
+        "pixels": as_stored(pixels, np.float64),
         "sigma_px": None,
         "covariance_px2": None,
         "fixed_cameras": np.zeros(cameras, dtype=np.bool_),

@@ -45,6 +45,12 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
     return array
 
 
+def as_stored(array: ArrayLike, dtype: DTypeLike) -> NDArray[Any]:
+    """`array` C-contiguous and aligned as the core reads it; fields of packed records are neither."""
+    stored = np.ascontiguousarray(array, dtype=dtype)
+    return stored if stored.flags.aligned else stored.copy()
+
+
 def require_unmasked(name: str, value: ArrayLike | None) -> None:
     """Raise InvalidArgument for an array with masked entries: NumPy would take what lies under the mask."""
     masks = sys.modules.get("numpy.ma")  # without it there are none
@@ -60,7 +66,7 @@ def shaped_array(name: str, value: ArrayLike, shape: tuple[int, ...]) -> FloatAr
     if np.iscomplexobj(given):  # of which NumPy would take the real parts
         raise InvalidArgument(f"{name}: must be an array of real numbers")
     try:
-        array = np.ascontiguousarray(given, dtype=np.float64)
+        array = as_stored(given, np.float64)
     except (TypeError, ValueError):
         raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
     except OverflowError:  # integers of Python may have thousands of digits
@@ -104,7 +110,7 @@ def index_array(name: str, value: ArrayLike) -> IndexArray:
     if array.ndim != 1 or (array.size and not np.issubdtype(array.dtype, np.integer)):
         raise InvalidArgument(f"{name}: {array.dtype} {array.shape}, must be (any,) whole numbers")
     require_int32(name, array)
-    return np.ascontiguousarray(array, dtype=np.int32)
+    return as_stored(array, np.int32)
 
 
 def numbers_below(name: str, value: ArrayLike, count: int) -> NDArray[np.intp]:
@@ -137,7 +143,7 @@ def typed_array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int,
         raise InvalidArgument(f"{name}: shape {array.shape}, must be ({wanted})")
     if np.dtype(dtype) == np.int32:
         require_int32(name, array)
-    return np.ascontiguousarray(array, dtype=dtype)
+    return as_stored(array, dtype)
 
 
 def for_each(name: str, value: ArrayLike, count: int, shape: tuple[int, ...] = ()) -> FloatArray:

@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arguments import check_fields
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array, require_int32
+from sfmcpp.model.arrays import (
+    ANY,
+    FloatArray,
+    IndexArray,
+    as_stored,
+    finite_array,
+    number_array,
+    require_int32,
+)
 from sfmcpp.model.checks import looked_up, require_positive, require_text
 from sfmcpp.model.loss_function import LossFunction
 from sfmcpp.model.named_fields import NamedFields
@@ -288,4 +296,4 @@ def _cameras(label: str, value: ArrayLike, kind: ConstraintKind) -> IndexArray:
     if not np.issubdtype(array.dtype, np.integer):
         raise InvalidArgument(f"{label}: dtype {array.dtype}, must be whole numbers")
     require_int32(label, array)
-    return np.ascontiguousarray(array, dtype=np.int32)
+    return as_stored(array, np.int32)

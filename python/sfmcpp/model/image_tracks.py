@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, finite_array, number_array
+from sfmcpp.model.arrays import ANY, FloatArray, IndexArray, as_stored, finite_array, number_array
 
 LARGEST_INDEX = int(np.iinfo(np.int32).max) - 1
 
@@ -129,7 +129,7 @@ def _index(name: str, value: ArrayLike, count: int) -> IndexArray:
         raise InvalidArgument(f"{name}: {array.dtype} {array.shape}, must be {count} integers as pixels")
     if count and not (array.min() >= 0 and array.max() <= LARGEST_INDEX):
         raise InvalidArgument(f"{name}: must be from 0 to {LARGEST_INDEX}")
-    return np.ascontiguousarray(array, dtype=np.int32)
+    return as_stored(array, np.int32)
 
 
 def _sizes(value: ArrayLike | None, count: int) -> NDArray[np.int64]:
@@ -138,7 +138,7 @@ def _sizes(value: ArrayLike | None, count: int) -> NDArray[np.int64]:
     sizes = number_array("sizes", value)
     if sizes.shape != (count, 2) or (count and (sizes.dtype.kind not in "iu" or sizes.min() < 0)):
         raise InvalidArgument(f"sizes: {sizes.dtype} {sizes.shape}, must be ({count}, 2), not negative")
-    return np.ascontiguousarray(sizes, dtype=np.int64)
+    return as_stored(sizes, np.int64)
 
 
 def _centres(sizes: NDArray[np.int64], centred: bool) -> FloatArray:

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Lock, RLock
+from threading import RLock
 
-_FILTERS = RLock()
+
+def _lock_open_in_children() -> RLock:
+    """A lock for which a fork waits: the thread that holds it is not there in the child."""
+    lock = RLock()
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
+    return lock
+
+
+_FILTERS = _lock_open_in_children()
 
 
 @contextmanager
@@ -36,7 +46,7 @@ class SharedChange:
     """
 
     def __init__(self, make: Callable[[], Callable[[], None]]) -> None:
-        self._make, self._lock, self._inside = make, Lock(), 0
+        self._make, self._lock, self._inside = make, _lock_open_in_children(), 0
         self._take_back: Callable[[], None] = lambda: None
 
     @contextmanager

@@ -16,6 +16,7 @@ from sfmcpp.model.arrays import (
     ANY,
     FloatArray,
     IndexArray,
+    as_stored,
     finite_array,
     number_array,
     require_double,
@@ -150,7 +151,7 @@ class ResidualGroup(MemberGroup):
                 f"{self._label(field_name)}: {numbers.dtype} {numbers.shape}, must be {rule} whole numbers"
             )
         require_int32(self._label(field_name), numbers)
-        return np.ascontiguousarray(numbers, dtype=np.int32)
+        return as_stored(numbers, np.int32)
 
     def _check_beside_points(self) -> None:
         if self.cameras is not None and self.cameras.shape != (self.num_members,):

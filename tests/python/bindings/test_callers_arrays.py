@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import sfmcpp
 from sfmcpp import ConstraintGroup, InvalidArgument, Problem, _core
@@ -259,3 +260,54 @@ def test_other_threads_go_on_while_jacobians_are_checked() -> None:
             return count() > before
 
         assert again_until(counts_while_it_checks)
+
+
+def _anywhere(array: NDArray[Any]) -> NDArray[Any]:
+    """The same numbers one byte behind where the core would read them."""
+    return np.frombuffer(b"x" + array.tobytes(), array.dtype, offset=1).reshape(array.shape)
+
+
+@pytest.mark.parametrize("name", ["pixels", "sigma_px", "cameras", "intrinsics", "points", "camera_index"])
+def test_numbers_of_packed_bytes_are_taken_and_stored_where_the_core_reads_them(name: str) -> None:
+    calm = replace(scene(), sigma_px=np.full(scene().num_observations, 2.0))
+    packed = replace(calm.copy(), **{name: _anywhere(getattr(calm, name))})
+    assert getattr(packed, name).flags.aligned
+    assert sfmcpp.solve(packed).final_cost == sfmcpp.solve(calm).final_cost
+
+
+def test_numbers_of_packed_bytes_are_refused_where_a_solve_would_write_them() -> None:
+    problem = scene()
+    problem.points = np.frombuffer(bytearray(b"x" + problem.points.tobytes()), offset=1).reshape(-1, 3)
+    with pytest.raises(InvalidArgument, match="points: must be aligned in memory"):
+        sfmcpp.solve(problem)
+
+
+@pytest.mark.parametrize("name", ["camera_index", "point_index", "intrinsics_index"])
+def test_indices_assigned_as_a_list_keep_the_summary(name: str) -> None:
+    calm, listed = scene(), scene()
+    setattr(listed, name, list(getattr(calm, name)))
+    assert sfmcpp.solve(listed).final_cost == sfmcpp.solve(calm).final_cost
+
+
+def test_another_thread_that_loads_a_part_of_the_package_is_waited_for_by_a_fork() -> None:
+    code = """
+import os, signal, sys, threading
+import sfmcpp
+begun, go_on = threading.Event(), threading.Event()
+class Slow:
+    def find_spec(self, name, path=None, target=None):
+        if name == "sfmcpp.doctor":
+            begun.set()
+            go_on.wait()
+sys.meta_path.insert(0, Slow())
+threading.Thread(target=lambda: sfmcpp.diagnose).start()
+begun.wait()
+threading.Timer(0.3, go_on.set).start()
+child = os.fork()
+if child == 0:
+    signal.alarm(30)
+    sfmcpp.diagnose
+    os._exit(0)
+sys.exit(os.waitpid(child, 0)[1])
+"""
+    assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0

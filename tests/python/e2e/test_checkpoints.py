@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import resource
 import shutil
@@ -20,6 +21,7 @@ import pytest
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, noisy_circle, run_here, write_noisy_circle
 from sfmcpp import CheckpointFolder, ConstraintGroup, DatasetError, Problem, ResidualGroup, Summary
+from sfmcpp.sources.io.checkpoints import _sealed
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 TIMES = ("seconds", "seconds_setup", "seconds_total")
@@ -197,6 +199,13 @@ def test_no_byte_can_be_changed_or_left_out(tmp_path: Path) -> None:
     path.write_bytes(whole)
     np.testing.assert_array_equal(kept.load().arrays["x"], np.arange(3.0))
     np.testing.assert_array_equal(np.load(path)["x"], np.arange(3.0))
+
+
+def test_a_number_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "checkpoint-a.npz"
+    path.write_bytes(_sealed(path, {"sequence": math.inf, "facts": {}}, {}))
+    with pytest.raises(DatasetError, match="is no checkpoint: metadata"):
+        CheckpointFolder(tmp_path).load()
 
 
 def test_a_folder_that_holds_another_run_or_none_is_refused(tmp_path: Path) -> None:

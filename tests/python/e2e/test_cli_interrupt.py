@@ -162,10 +162,17 @@ def test_a_stop_while_modules_are_loaded_is_one_line(
     assert (result.returncode, result.stderr) == (130, "sfmcpp: interrupted\n")
 
 
-def test_a_stop_that_a_compiled_module_reports_as_its_own_failure_is_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    "failing",
+    [
+        "raise ImportError('initialization failed') from KeyboardInterrupt()",
+        "raise RuntimeError('Error calling __set_name__') from KeyboardInterrupt()",
+        "exec('raise KeyboardInterrupt')",
+    ],
+)
+def test_a_stop_within_a_module_is_one_line_however_it_comes_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: str
 ) -> None:
-    failing = "raise ImportError('initialization failed') from KeyboardInterrupt()\n"
     (tmp_path / "typer.py").write_text(failing)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")]))
     result = run("--version")

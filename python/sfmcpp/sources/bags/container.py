@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import os
 import re
+import sqlite3
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
@@ -24,6 +25,7 @@ from sfmcpp.sources.io.files import (
     largest_expansion,
     require_regular_file,
 )
+from sfmcpp.sources.io.sqlite_tables import quote_path, require_stored, uri_of_unchanged
 
 _ROS1, _ROS2 = (".bag",), (".db3", ".mcap")
 _METADATA = "metadata.yaml"
@@ -31,6 +33,7 @@ _LARGEST_METADATA_BYTES = 4 << 20
 # An anchor of YAML: a few of them stand for any number of parts.
 _ANCHOR = re.compile(rb"(?:^|[\s\[{,:\-\"'])&\w")
 _TRANSFORMS = "tf2_msgs/msg/TFMessage"  # not among the definitions that the library has
+_TABLES = ("messages", "topics", "schema", "message_definitions")
 _MOST_WORDS = 200
 
 
@@ -182,8 +185,9 @@ def _reader_of(path: Path) -> Callable[[Path], Any]:
         from rosbags.rosbag2 import Reader as Reader2
     except ImportError as error:
         raise DatasetError(path, f"bags need {error.name}: pip install 'sfmcpp[ros]'") from None
-    if not path.exists():
-        raise DatasetError(path, "no such file or directory")
+    with failures_named(path):
+        if not path.exists():
+            raise DatasetError(path, "no such file or directory")
     if not is_bag(path):
         rule = f"must be a .bag, .db3 or .mcap file, or a folder of ROS 2 with {_METADATA}"
         raise DatasetError(path, f"is no bag: {rule}")
@@ -258,7 +262,7 @@ _BOUNDED_EXPANSION = SharedChange(_bound_expansion)
 
 
 def _bounded_tables() -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Where the library looks up how it decompresses, and what is to be found there."""
+    """Where the library looks up how it decompresses and opens databases, and what is to be found there."""
     import bz2
     from types import SimpleNamespace
 
@@ -280,7 +284,18 @@ def _bounded_tables() -> list[tuple[dict[str, Any], dict[str, Any]]]:
         (reader1.decompressors, {"bz2": of(bz2.BZ2Decompressor), "lz4": of(LZ4FrameDecompressor)}),
         (storage_mcap.DECOMPRESSORS, {"zstd": of(zstd.ZstdDecompressor), "lz4": of(LZ4FrameDecompressor)}),
         (names, {"zstd": zstd_file}),
+        (names["DirectoryReader"].STORAGE_PLUGINS, {"sqlite3": _sqlite_reader}),
+        (names["Reader"].STORAGE_PLUGINS, {".db3": _sqlite_reader}),
     ]
+
+
+def _sqlite_reader(path: Path) -> Any:
+    """Reader of the library for a ``.db3`` file: it makes a URI of the path, and does not quote it."""
+    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+    with closing(sqlite3.connect(uri_of_unchanged(path), uri=True)) as connection:
+        require_stored(connection, path, _TABLES)
+    return Sqlite3Reader(Path(quote_path(path)))
 
 
 def _expanded(stream: Any, data: bytes) -> bytes:

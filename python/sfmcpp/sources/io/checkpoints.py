@@ -260,7 +260,7 @@ def _read(path: Path, number: int) -> tuple[_Slot, Checkpoint]:
         header = json.loads(arrays.pop(METADATA).tobytes())
         checkpoint = Checkpoint(str(path), dict(header["facts"]), arrays, int(header["sequence"]))
         return _Slot(number, checkpoint.sequence), checkpoint
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise DatasetError(path, f"is no checkpoint: metadata ({type(error).__name__}: {error})") from error
 
 

@@ -54,6 +54,8 @@ _DECOMPRESSORS: dict[str, Callable[[], _Decompressor]] = {
 @contextmanager
 def failures_named(path: Path) -> Iterator[None]:
     """Turn failures of the operating system inside the block into a DatasetError that names `path`."""
+    if "\0" in str(path):  # as C ends a text
+        raise DatasetError(path, "a path cannot hold a NUL")
     try:
         yield
     except OSError as error:

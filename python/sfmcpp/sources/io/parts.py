@@ -125,10 +125,12 @@ class PartsFolder:
 
     def _members(self, entry: Entry) -> dict[str, NDArray[Any]]:
         path = self.path / entry.name
-        if not path.exists():
-            raise DatasetError(path, f"is missing: {LIST} lists it")
-        if path.stat().st_size != entry.bytes:
-            raise DatasetError(path, f"has {path.stat().st_size} bytes, {LIST} says {entry.bytes}")
+        with failures_named(path):
+            if not path.exists():
+                raise DatasetError(path, f"is missing: {LIST} lists it")
+            size = path.stat().st_size
+        if size != entry.bytes:
+            raise DatasetError(path, f"has {size} bytes, {LIST} says {entry.bytes}")
         members = read_members(path)
         if digest(members) != entry.sha256:
             raise DatasetError(path, f"is not the file that {LIST} lists: its checksum differs")

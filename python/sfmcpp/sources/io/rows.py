@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sfmcpp import _core
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray, IndexArray, index_array
+from sfmcpp.model.arrays import FloatArray, IndexArray, as_stored, index_array
 from sfmcpp.model.metadata import KEYPOINTS, LOOSE, require_entries
 from sfmcpp.sources.io.checks import LARGEST_COUNT, require_metadata_length
 
@@ -170,4 +170,4 @@ _DTYPES = {"d": np.int64, "r": np.float64}
 def _converted_column(kind: str, column: Column, some: Some) -> NDArray[Any]:
     if kind == "s":
         return np.array([text.encode("utf-8") for text in np.asarray(column, dtype=object)[some]], dtype="S")
-    return np.ascontiguousarray(np.asarray(column)[some], dtype=_DTYPES[kind])
+    return as_stored(np.asarray(column)[some], _DTYPES[kind])

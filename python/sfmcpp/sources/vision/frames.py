@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.photos import natural_order
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, require_regular_file
 from sfmcpp.sources.vision.images import (
     GreyImage,
     eight_bits,
@@ -33,6 +33,8 @@ from sfmcpp.sources.vision.images import (
 _MOST_UNREADABLE_PART = 0.1
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
+# Playlists, which FFmpeg knows by how they begin.
+_LISTS = (b"ffconcat version", b"#EXTM3U")
 
 
 class Frames(ABC):
@@ -183,6 +185,7 @@ class _Folder(Frames):
 class _Video(Frames):
     def __init__(self, path: Path, cv2: ModuleType) -> None:
         self.path, self._cv2 = path, cv2
+        _require_one_video(path)
         video = self._open()
         self._count = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
         fps = float(video.get(cv2.CAP_PROP_FPS))
@@ -217,7 +220,8 @@ class _Video(Frames):
             raise DatasetError(self.path, reason)
 
     def _open(self) -> Any:
-        video = self._cv2.VideoCapture(str(self.path))
+        # Absolute, as a name with a colon could be that of a protocol.
+        video = self._cv2.VideoCapture(str(self.path.absolute()))
         if not video.isOpened():
             raise DatasetError(self.path, "is no video that can be decoded")
         video.set(self._cv2.CAP_PROP_ORIENTATION_AUTO, 0)
@@ -229,6 +233,17 @@ class _Video(Frames):
             return None
         grey = image if image.ndim == 2 else self._cv2.cvtColor(image, self._cv2.COLOR_BGR2GRAY)
         return np.asarray(grey, dtype=np.uint8)
+
+
+def _require_one_video(path: Path) -> None:
+    """Refuse a pipe, a list of other files, and a name that OpenCV cannot be told."""
+    require_regular_file(path)
+    with failures_named(path):
+        str(path.absolute()).encode()
+        with path.open("rb") as file:
+            begin = file.read(max(map(len, _LISTS)))
+    if begin.startswith(_LISTS):
+        raise DatasetError(path, "is a list of other files: must be a video")
 
 
 def _require_few_pixels(file: Path, data: bytes) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp import _core
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import FloatArray, IndexArray, as_stored
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.vision.images import load_cv2
 from sfmcpp.sources.vision.photos import read_gray
@@ -126,7 +126,7 @@ def align_patches(
         If a shape breaks a rule, or there is no such template.
     """
     level = _levels_for(pyramid, steps)
-    which = np.ascontiguousarray(which, dtype=np.int32)
+    which = as_stored(which, np.int32)
     found = _core.align_patches(pyramid, templates, which, _contiguous(pixels), _contiguous(steps), level)
     return PatchAlignment(*found)
 
@@ -140,4 +140,4 @@ def _levels_for(pyramid: Pyramid, steps: FloatArray) -> IndexArray:
 
 
 def _contiguous(array: FloatArray) -> FloatArray:
-    return np.ascontiguousarray(array, dtype=np.float64)
+    return as_stored(array, np.float64)

@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 
 import sfmcpp
-from sfmcpp import InvalidArgument
+from sfmcpp import DatasetError, InvalidArgument
 from sfmcpp.map import map_of_problem, read_map, write_map
 from sfmcpp.sfm import match_graph_of_database
+from sfmcpp.sources.cameras import read_intrinsics
 from sfmcpp.sources.io import CheckpointFolder, read_control_points
+from sfmcpp.sources.mounting_files import mounting_of
 from sfmcpp.sources.vision import open_frames, open_photos
 from sfmcpp.study.evaluation import read_image_poses
 
@@ -55,3 +57,16 @@ def test_an_empty_text_is_no_path(
     with pytest.raises(InvalidArgument, match="= '': must not be empty"):
         call("")
     assert not list(tmp_path.iterdir())
+
+
+WITH_NUL = CALLS | {
+    "camera": read_intrinsics,
+    "checkpoints": lambda path: CheckpointFolder(path).begin(),
+    "mounting": mounting_of,
+}
+
+
+@pytest.mark.parametrize("call", WITH_NUL.values(), ids=WITH_NUL)
+def test_a_path_with_a_nul_is_refused(call: Callable[[Any], Any]) -> None:
+    with pytest.raises(DatasetError):
+        call(Path("a\0b.txt"))

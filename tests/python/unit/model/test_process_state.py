@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import warnings
 from collections.abc import Callable
@@ -60,3 +62,25 @@ def test_what_is_raised_inside_takes_the_change_back() -> None:
     with pytest.raises(KeyError), change.made():
         raise KeyError
     assert said == ["taken back"]
+
+
+def test_a_fork_waits_for_the_thread_that_has_set_filters() -> None:
+    code = """
+import os, signal, sys, threading
+from sfmcpp.model.process_state import without_warnings
+entered, leave = threading.Event(), threading.Event()
+def hold():
+    with without_warnings():
+        entered.set()
+        leave.wait()
+threading.Thread(target=hold).start()
+entered.wait()
+threading.Timer(0.3, leave.set).start()
+child = os.fork()
+if child == 0:
+    signal.alarm(30)
+    with without_warnings():
+        os._exit(0)
+sys.exit(os.waitpid(child, 0)[1])
+"""
+    assert subprocess.run([sys.executable, "-c", code], timeout=120, check=False).returncode == 0

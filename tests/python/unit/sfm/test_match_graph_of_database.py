@@ -106,6 +106,9 @@ def change(path: Path, statement: str) -> None:
     [
         ("DROP TABLE keypoints", "is no database of COLMAP: it lacks keypoints"),
         ("DROP TABLE keypoints; CREATE VIEW keypoints AS SELECT 1", "it lacks keypoints"),
+        ("ALTER TABLE keypoints DROP COLUMN data;"
+         "ALTER TABLE keypoints ADD COLUMN data AS (zeroblob(900000000))",
+         "table keypoints has columns that are computed: all must be stored"),
         ("ALTER TABLE images DROP COLUMN name", "is a damaged database: no such column"),
         ("UPDATE cameras SET model = 5", "camera 1: camera model OPENCV_FISHEYE is not supported"),
         ("UPDATE cameras SET width = 0", "image size 0x480 is impossible"),
@@ -158,6 +161,11 @@ def test_a_damaged_file_is_refused(tmp_path: Path, damage: Callable[[bytes], byt
     path.write_bytes(damage(path.read_bytes()))
     with pytest.raises(DatasetError, match=reason):
         match_graph_of_database(path)
+
+
+def test_a_name_longer_than_any_file_has_is_refused() -> None:
+    with pytest.raises(DatasetError, match="file name too long"):
+        read_database("x" * 1000)
 
 
 def test_a_database_with_a_log_leaves_nothing_beside_it_and_needs_no_writable_folder(tmp_path: Path) -> None:

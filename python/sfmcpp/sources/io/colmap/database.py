@@ -27,9 +27,11 @@ from sfmcpp.sources.io.colmap.camera_models import (
 )
 from sfmcpp.sources.io.colmap.tables import LARGEST_ID
 from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.sqlite_tables import require_stored
 
 _MAGIC = b"SQLite format 3\0"
 _TABLES = ("cameras", "images", "keypoints", "matches")
+_OPTIONAL_TABLES = ("two_view_geometries", "pose_priors", "rig_sensors")
 # A pair of images is numbered `lower id · this + higher id`.
 _PAIR_BASE = 2**31 - 1
 _WATERMARK = 7
@@ -98,8 +100,9 @@ def read_database(path: str | PathLike[str]) -> ColmapDatabase:
         If the file is missing, damaged or no such database, or a camera model is not supported.
     """
     source = Path(path)
-    if not source.exists():
-        raise DatasetError(source, "no such file or directory")
+    with failures_named(source):
+        if not source.exists():
+            raise DatasetError(source, "no such file or directory")
     if not is_database(source):
         raise DatasetError(source, "is no database of SQLite")
     try:
@@ -125,10 +128,10 @@ class _Reader:
 
     def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
         self._path, self._connection = path, connection
-        connection.execute("PRAGMA trusted_schema = OFF")
         # Views and virtual tables have no page of their own: they could run any query.
         found = connection.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0")
         self._tables = {name for (name,) in found}
+        require_stored(connection, path, self._tables.intersection((*_TABLES, *_OPTIONAL_TABLES)))
 
     def database(self) -> ColmapDatabase:
         missing = [name for name in _TABLES if name not in self._tables]

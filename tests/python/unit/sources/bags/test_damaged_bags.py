@@ -180,6 +180,41 @@ def test_metadata_that_explode_are_refused(tmp_path: Path) -> None:
     require_refused(path, "holds more than")
 
 
+ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT max(x) FROM n"
+
+
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize(
+    ("statement", "told"),
+    [
+        (f"DROP TABLE schema; CREATE VIEW schema(schema_version) AS {ENDLESS}", "schema is a view"),
+        ("ALTER TABLE topics ADD COLUMN more AS (zeroblob(900000000))", "table topics has columns that are"),
+    ],
+)
+def test_formulas_that_a_database_brings_along_are_not_run(
+    tmp_path: Path, statement: str, told: str, alone: bool
+) -> None:
+    path = write(tmp_path, "plain.db3")
+    if alone:
+        path = data_file(path).replace(tmp_path / "alone.db3")
+        shutil.rmtree(tmp_path / "plain.db3")
+    with closing(sqlite3.connect(path if alone else data_file(path))) as tables:
+        tables.executescript(statement)
+    require_refused(path, told)
+
+
+@pytest.mark.parametrize("folder", ["drive #3", "50%20", "what?", "\udcff"])
+def test_a_database_is_read_wherever_it_lies(tmp_path: Path, folder: str) -> None:
+    (tmp_path / folder).mkdir()
+    path = write(tmp_path, "plain.db3").rename(tmp_path / folder / "plain.db3")
+    assert unpack_bag(path, tmp_path / "out").counts["imu"] == 4
+
+
+def test_a_name_longer_than_any_file_has_is_refused() -> None:
+    with pytest.raises(DatasetError, match="file name too long"), open_bag("x" * 1000):
+        pass
+
+
 @pytest.mark.parametrize("name", ["drive.bag", "drive.db3", "drive.mcap", "drive/metadata.yaml"])
 def test_a_pipe_does_not_block(tmp_path: Path, name: str) -> None:
     (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -125,6 +125,7 @@ def put_a_part_in_the_place_of_another(folder: Path) -> None:
         (change_list(lambda listed: listed.pop("cameras")), "is no list of parts"),
         (change_list(lambda listed: listed["parts"].clear()), "it lists none"),
         (change_list(lambda listed: listed["parts"][0].update(name="../x")), "files beside it"),
+        (change_list(lambda listed: listed["parts"][0].update(name="x" * 1000)), "file name too long"),
         (change_list(lambda listed: listed["parts"].pop()), "of the points"),
         (lambda folder: (folder / LIST).write_text("[" * 9999), "is no list of parts"),
     ],

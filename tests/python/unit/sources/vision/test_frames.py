@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
@@ -98,6 +99,28 @@ def test_a_video_without_frames_or_of_other_bytes_is_refused(tmp_path: Path) -> 
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(DatasetError, match=r"text\.mp4: is no video that can be decoded"):
         open_frames(tmp_path / "text.mp4")
+
+
+def test_a_video_whose_name_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a\udcff.avi"
+    write_video(tmp_path / "a.avi", [40, 80])
+    (tmp_path / "a.avi").rename(path)
+    with pytest.raises(DatasetError, match=r"'\\udcff' cannot be written as UTF-8"):
+        open_frames(path)
+
+
+def test_a_pipe_in_the_place_of_a_video_does_not_block(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.mp4")
+    with pytest.raises(DatasetError, match="is not a regular file"):
+        open_frames(tmp_path / "a.mp4")
+
+
+@pytest.mark.parametrize("begin", ["ffconcat version 1.0\nfile {}\n", "#EXTM3U\n#EXTINF:1,\n{}\n"])
+def test_a_list_of_videos_opens_none(tmp_path: Path, begin: str) -> None:
+    write_video(tmp_path / "a.avi", [40, 80])
+    (tmp_path / "list.mp4").write_text(begin.format("a.avi"))
+    with pytest.raises(DatasetError, match="is a list of other files: must be a video"):
+        open_frames(tmp_path / "list.mp4")
 
 
 def test_without_opencv_the_error_says_what_to_install(
