@@ -141,8 +141,9 @@ class OwnCopy {
 
 // The largest difference over the largest number; NaN passes through.
 double relative_difference(const Eigen::MatrixXd& one, const Eigen::MatrixXd& other) {
-  const auto largest = [](const Eigen::MatrixXd& m) {
-    return m.size() == 0 ? 0.0 : m.cwiseAbs().maxCoeff<Eigen::PropagateNaN>();
+  // Of an expression, too: GCC 16 takes the entries of a matrix made for it for uninitialised.
+  const auto largest = [](const auto& m) {
+    return m.size() == 0 ? 0.0 : m.cwiseAbs().template maxCoeff<Eigen::PropagateNaN>();
   };
   const double size = std::max(largest(one), largest(other));
   return size == 0.0 ? 0.0 : largest(one - other) / size;

@@ -28,6 +28,19 @@ SFMCPP_INLINE void gather_point(const ObservationBatch& batch, int first, Real* 
   return left;
 }
 
+// Turns as many columns as there are lanes into that many numbers of each record. Not a member of
+// Transposer: GCC 14 takes the same member of transposers of different sizes for one function, and
+// then warns of reads beyond the smaller one.
+[[maybe_unused]] SFMCPP_INLINE void write_square(const double (*columns)[kLanes],
+                                                 int width,
+                                                 double* records) {
+  Real rows[kLanes];
+  for (int c = 0; c < kLanes; ++c) rows[c] = load<kLanes>(columns[c]);
+  transpose<kLanes>(rows);
+  for (int lane = 0; lane < kLanes; ++lane)
+    store(records + static_cast<long>(lane) * width, rows[lane]);
+}
+
 // Turns columns of packs into one row-major record per observation.
 template <int kMaxColumns>
 struct Transposer {
@@ -38,21 +51,13 @@ struct Transposer {
   void write(int width, int lanes, double* records) const {
     int first = 0;
     if (lanes == kLanes) {
-      for (; first + kLanes <= width; first += kLanes) write_square(first, width, records + first);
+      for (; first + kLanes <= width; first += kLanes)
+        write_square(columns + first, width, records + first);
     }
     for (int lane = 0; lane < lanes; ++lane) {
       for (int c = first; c < width; ++c)
         records[static_cast<long>(lane) * width + c] = columns[c][lane];
     }
-  }
-
- private:
-  void write_square(int first, int width, double* records) const {
-    Real rows[kLanes];
-    for (int c = 0; c < kLanes; ++c) rows[c] = load<kLanes>(columns[first + c]);
-    transpose<kLanes>(rows);
-    for (int lane = 0; lane < kLanes; ++lane)
-      store(records + static_cast<long>(lane) * width, rows[lane]);
   }
 };
 

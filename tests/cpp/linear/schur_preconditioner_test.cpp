@@ -108,7 +108,7 @@ class Preconditioners
 TEST_P(Preconditioners, LeadToTheStepOfTheDenseSystem) {
   Step step;
   ASSERT_TRUE(solve(system, 1e-10, step).success);
-  const DenseReference& reference = reference_of(options());
+  const DenseReference reference = reference_of(options());
   EXPECT_LT((flatten(reference.system, step) - reference.step).norm(),
             1e-6 * reference.step.norm());
 }

@@ -130,6 +130,16 @@ def test_who_has_no_eigen_is_told_which_versions_will_do(
     assert f"Eigen 3.4 or 5 is {told}" in " ".join(caught.value.stderr.split())
 
 
+def test_who_has_no_header_of_python_is_told_its_package(tmp_path: Path) -> None:
+    if shutil.which("cmake") is None or shutil.which("ninja") is None:
+        pytest.skip("no cmake or no ninja")
+    settings = ("-DSFMCPP_BUILD_PYTHON=ON", "-DPython_INCLUDE_DIR=/nowhere")
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run("cmake", "-S", REPOSITORY, "-B", tmp_path, "-G", "Ninja", *settings)
+    told = " ".join(caught.value.stderr.split())
+    assert "is not found: must be installed (apt-get install python3-dev)" in told
+
+
 def test_a_library_without_a_build_type_exports_sfmcpp_with_its_own(tmp_path: Path) -> None:
     """The libraries themselves are not needed."""
     if shutil.which("cmake") is None or shutil.which("ninja") is None:

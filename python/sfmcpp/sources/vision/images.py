@@ -29,6 +29,7 @@ VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
 _MOST_HINTS = 3
 # Bits that cameras measure, and files of 16 bits hold as they are.
 _SENSOR_BITS = (8, 10, 12, 14)
+_SILENT = 0  # of OpenCV's levels of messages
 
 
 def load_cv2() -> ModuleType:
@@ -40,7 +41,9 @@ def load_cv2() -> ModuleType:
     except ModuleNotFoundError as error:
         message = f"images need {error.name}: pip install 'sfmcpp[vision]'"
         raise ModuleNotFoundError(message, name=error.name) from None
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    # Versions before 4.13 have it in the module itself.
+    holder = cv2 if hasattr(cv2, "setLogLevel") else cv2.utils.logging
+    holder.setLogLevel(_SILENT)
     module: ModuleType = cv2
     return module
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.vision import open_frames
+from sfmcpp.sources.vision.images import load_cv2
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
@@ -129,3 +131,13 @@ def test_without_opencv_the_error_says_what_to_install(
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(DatasetError, match=r"images need cv2: pip install 'sfmcpp\[vision\]'"):
         open_frames(tmp_path)
+
+
+@pytest.mark.parametrize("inside", [False, True], ids=["before 4.13", "4.13 and later"])
+def test_opencv_of_any_version_is_silenced(inside: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[int] = []
+    holder = SimpleNamespace(setLogLevel=told.append)
+    opencv = SimpleNamespace(utils=SimpleNamespace(logging=holder)) if inside else holder
+    monkeypatch.setitem(sys.modules, "cv2", opencv)
+    assert load_cv2() is opencv
+    assert told == [0]
