@@ -25,7 +25,7 @@ from sfmcpp.sources.io.files import (
     largest_expansion,
     require_regular_file,
 )
-from sfmcpp.sources.io.sqlite_tables import quote_path, require_stored, uri_of_unchanged
+from sfmcpp.sources.io.sqlite_tables import quote_path, read_only_uri, require_stored
 
 _ROS1, _ROS2 = (".bag",), (".db3", ".mcap")
 _METADATA = "metadata.yaml"
@@ -293,7 +293,7 @@ def _sqlite_reader(path: Path) -> Any:
     """Reader of the library for a ``.db3`` file: it makes a URI of the path, and does not quote it."""
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-    with closing(sqlite3.connect(uri_of_unchanged(path), uri=True)) as connection:
+    with closing(sqlite3.connect(read_only_uri(path), uri=True)) as connection:
         require_stored(connection, path, _TABLES)
     return Sqlite3Reader(Path(quote_path(path)))
 

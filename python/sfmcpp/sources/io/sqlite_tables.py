@@ -14,9 +14,9 @@ from urllib.parse import quote
 from sfmcpp.errors import DatasetError
 
 
-def uri_of_unchanged(path: Path) -> str:
-    """How to open a file that nobody writes: no lock is taken, and nothing is made beside it."""
-    return f"file:{quote_path(path)}?mode=ro&immutable=1"
+def read_only_uri(path: Path, *, is_unchanged: bool = True) -> str:
+    """How to open a file. Where nobody writes it, no lock is taken, and nothing is made beside it."""
+    return f"file:{quote_path(path)}?mode=ro{'&immutable=1' if is_unchanged else ''}"
 
 
 def quote_path(path: Path) -> str:

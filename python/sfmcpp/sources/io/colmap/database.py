@@ -27,7 +27,7 @@ from sfmcpp.sources.io.colmap.camera_models import (
 )
 from sfmcpp.sources.io.colmap.tables import LARGEST_ID
 from sfmcpp.sources.io.files import failures_named
-from sfmcpp.sources.io.sqlite_tables import require_stored
+from sfmcpp.sources.io.sqlite_tables import read_only_uri, require_stored
 
 _MAGIC = b"SQLite format 3\0"
 _TABLES = ("cameras", "images", "keypoints", "matches")
@@ -120,7 +120,7 @@ def _uri(path: Path) -> str:
     """
     beside = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
     is_whole = not any(file.exists() and file.stat().st_size for file in beside)
-    return f"{path.as_uri()}?mode=ro{'&immutable=1' if is_whole else ''}"
+    return read_only_uri(path, is_unchanged=is_whole)
 
 
 class _Reader:
