@@ -82,7 +82,7 @@ class Path {
 
   void take(int lane, const LanePlaces& places, double cost) {
     least_[lane] = cost;
-    for (int k = 0; k < size_; ++k) best_.numbers[k][lane] = places.numbers[k][lane];
+    best_.copy_lane(lane, places);
   }
 
   const PointLanes& lanes_;

@@ -19,8 +19,10 @@ void weigh(const void* loss, int count, const double* squared, double* rho, doub
 PointLanes::PointLanes(const ImageResiduals& images)
     : images_(images),
       kernels_(residuals::place_kernels(images.problem().camera_model)),
-      size_of_place_(images.problem().point_storage()) {}
+      size_of_place_(images.problem().point_storage()),
+      has_shapes_(images.shapes({0, 0, 0}).shear != nullptr) {}
 
+// What lies beyond the rows of a point is of earlier points: it does not count.
 void PointLanes::set(std::span<const int> points) {
   points_ = points;
   num_rows_ = 0;
@@ -30,9 +32,10 @@ void PointLanes::set(std::span<const int> points) {
     num_rows_ = std::max(num_rows_, num_views(lane));
   }
   const auto entries = static_cast<std::size_t>(kPlaceLanes) * num_rows_;
-  for (std::vector<int>* indices : {&camera_, &intrinsics_row_}) indices->assign(entries, 0);
-  for (AlignedVector<double>* numbers : {&u_, &v_, &inverse_sigma_, &shear_, &stretch_})
-    numbers->assign(entries, 0.0);
+  for (std::vector<int>* indices : {&camera_, &intrinsics_row_}) indices->resize(entries);
+  for (AlignedVector<double>* numbers : {&u_, &v_, &inverse_sigma_}) numbers->resize(entries);
+  for (AlignedVector<double>* numbers : {&shear_, &stretch_})
+    numbers->resize(has_shapes_ ? entries : 0);
   for (int lane = 0; lane < size(); ++lane) set_lane(lane);
 }
 
@@ -51,8 +54,8 @@ void PointLanes::set_entry(std::size_t entry, int observation) {
   u_[entry] = images_.u()[observation];
   v_[entry] = images_.v()[observation];
   inverse_sigma_[entry] = *images_.inverse_sigma(one);
+  if (!has_shapes_) return;
   const residuals::WhitenerShapes shape = images_.shapes(one);
-  if (shape.shear == nullptr) return;
   shear_[entry] = *shape.shear;
   stretch_[entry] = *shape.stretch;
 }
@@ -72,7 +75,6 @@ LanePlaces PointLanes::places_in(const State& state) const {
 }
 
 residuals::PlaceRows PointLanes::rows(const State& state) const {
-  const bool has_shapes = images_.shapes({0, 0, 0}).shear != nullptr;
   return {.cameras = state.cameras.data(),
           .intrinsics = state.intrinsics.data(),
           .num_rows = num_rows_,
@@ -81,8 +83,8 @@ residuals::PlaceRows PointLanes::rows(const State& state) const {
           .u = u_.data(),
           .v = v_.data(),
           .inverse_sigma = inverse_sigma_.data(),
-          .shear = has_shapes ? shear_.data() : nullptr,
-          .stretch = has_shapes ? stretch_.data() : nullptr,
+          .shear = has_shapes_ ? shear_.data() : nullptr,
+          .stretch = has_shapes_ ? stretch_.data() : nullptr,
           .count = count_.data(),
           .weigh = images_.is_robust() ? &weigh : nullptr,
           .loss = &images_.loss()};

@@ -97,8 +97,7 @@ class Pass {
     const LanePlaces before = lanes_.places_in(start);
     LanePlaces places = here_;
     for (int lane = 0; lane < lanes_.size(); ++lane) {
-      for (int k = 0; k < size_ && is_poor(lane, most); ++k)
-        places.numbers[k][lane] = before.numbers[k][lane];
+      if (is_poor(lane, most)) places.copy_lane(lane, before);
     }
     try_places(places);
   }
@@ -158,7 +157,7 @@ class Pass {
       taken[lane] = costs_less(there.cost[lane], fits_.cost[lane]);
       if (!taken[lane]) continue;
       copy_lane(there, lane, fits_);
-      for (int k = 0; k < size_; ++k) here_.numbers[k][lane] = places.numbers[k][lane];
+      here_.copy_lane(lane, places);
       places.get(lane, size_, lanes_.place_in(state_, lane));
     }
     return taken;

@@ -45,7 +45,7 @@ inline void factor_lanes(const double* blocks, double lambda, bool identity, dou
     damping[k] = identity ? Points(lambda) : bounded_diagonal(diagonal[k]) * lambda;
   const InverseFactor<Points> m(block, damping);
   Points y[3];
-  m.multiply(block + 6, y);
+  multiply_by_factor(m, block + 6, y);
   Points factor[kPointNumbers] = {m.m00, m.m10, m.m11, m.m20, m.m21, m.m22, y[0], y[1], y[2]};
   store_points(factor, factors);
 }

@@ -141,8 +141,8 @@ void step(const PlaceFits& fits,
     for (int k = 0; k < 3; ++k)
       damping[k] = bounded_diagonal(diagonal[k]) * load<kLanes>(lambda + lane);
     const InverseFactor<Real> m(v, damping);
-    m.multiply(b, y);
-    m.multiply_transposed(y, delta);
+    multiply_by_factor(m, b, y);
+    multiply_by_transposed_factor(m, y, delta);
     for (int k = 0; k < 3; ++k) store(deltas[k] + lane, delta[k]);
     store(promises + lane, b[0] * delta[0] + b[1] * delta[1] + b[2] * delta[2]);
   }

@@ -22,6 +22,9 @@ struct LanePlaces {
   void get(int lane, int size, double* place) const {
     for (int k = 0; k < size; ++k) place[k] = numbers[k][lane];
   }
+  void copy_lane(int lane, const LanePlaces& from) {
+    for (int k = 0; k < kMaxPointStorage; ++k) numbers[k][lane] = from.numbers[k][lane];
+  }
 };
 
 class PointLanes {
@@ -66,6 +69,7 @@ class PointLanes {
   const ImageResiduals& images_;
   residuals::PlaceKernels kernels_;
   int size_of_place_;
+  bool has_shapes_;
   std::span<const int> points_;
   int num_rows_ = 0;
   alignas(64) std::array<double, residuals::kPlaceLanes> count_{};

@@ -8,20 +8,14 @@
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/linear/normal_equations.hpp"
+#include "sfmcpp/math/inverse_factor.hpp"
 
 namespace sfmcpp::linear {
 
-// out = Mᵀ z.
-inline void multiply_by_transposed_factor(const PointFactor& m, const double* z, double* out) {
-  out[0] = m.m00 * z[0] + m.m10 * z[1] + m.m20 * z[2];
-  out[1] = m.m11 * z[1] + m.m21 * z[2];
-  out[2] = m.m22 * z[2];
-}
-
 // out = Mᵀ M x = (V + λD)⁻¹ x, which may be x.
 inline void solve_point(const PointFactor& m, const double* x, double* out) {
-  const double z[3] = {
-      m.m00 * x[0], m.m10 * x[0] + m.m11 * x[1], m.m20 * x[0] + m.m21 * x[1] + m.m22 * x[2]};
+  double z[3];
+  multiply_by_factor(m, x, z);
   multiply_by_transposed_factor(m, z, out);
 }
 

@@ -43,19 +43,22 @@ struct InverseFactor {
     m21 = -l21 * m11 * m22;
     m20 = -(l20 * m00 + l21 * m10) * m22;
   }
-
-  // y = M b
-  SFMCPP_INLINE void multiply(const Real* b, Real* y) const {
-    y[0] = m00 * b[0];
-    y[1] = m10 * b[0] + m11 * b[1];
-    y[2] = m20 * b[0] + m21 * b[1] + m22 * b[2];
-  }
-  // x = Mᵀ y
-  SFMCPP_INLINE void multiply_transposed(const Real* y, Real* x) const {
-    x[0] = m00 * y[0] + m10 * y[1] + m20 * y[2];
-    x[1] = m11 * y[1] + m21 * y[2];
-    x[2] = m22 * y[2];
-  }
 };
+
+// y = M b, with the entries of M in any struct that names them so.
+template <class Factor, class Real>
+SFMCPP_INLINE void multiply_by_factor(const Factor& m, const Real* b, Real* y) {
+  y[0] = m.m00 * b[0];
+  y[1] = m.m10 * b[0] + m.m11 * b[1];
+  y[2] = m.m20 * b[0] + m.m21 * b[1] + m.m22 * b[2];
+}
+
+// x = Mᵀ y
+template <class Factor, class Real>
+SFMCPP_INLINE void multiply_by_transposed_factor(const Factor& m, const Real* y, Real* x) {
+  x[0] = m.m00 * y[0] + m.m10 * y[1] + m.m20 * y[2];
+  x[1] = m.m11 * y[1] + m.m21 * y[2];
+  x[2] = m.m22 * y[2];
+}
 
 }  // namespace sfmcpp
