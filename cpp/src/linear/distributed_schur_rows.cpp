@@ -68,7 +68,7 @@ DistributedSchurRows::DistributedSchurRows(const NormalEquations& normal,
   rows_.sum_on(grid_);
   divide_into_rounds();
   if (partition.are_all_own()) return;
-  places_.resize(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
+  numbers_.resize(normal.pool().num_threads(), std::vector<int>(normal.graph().num_cameras));
   parts_.resize(normal.pool().num_threads());
   send_headers();
   for (const Round& round : rounds_) {
@@ -166,13 +166,21 @@ void DistributedSchurRows::exchange(int round) {
   normal_.pool().parallel_for_worker(static_cast<int>(now.sent.size()), [&](int k, int worker) {
     double* diagonal = sent_.data() + now.sent[k].first;
     double* rhs = diagonal + size() * size();
-    rows_.form(now.sent[k].camera, worker, diagonal, rhs + 2 * size(), rhs);
+    form_here(now.sent[k].camera, {diagonal, rhs + 2 * size(), rhs}, worker);
   });
   normal_.exchange().deliver(sent_, now.sent_counts, received_, now.received_counts);
 }
 
-void DistributedSchurRows::form(int i, int worker, double* diagonal, double* blocks, double* rhs) {
-  if (partition_.are_all_own()) return rows_.form(i, worker, diagonal, blocks, rhs);
+void DistributedSchurRows::form(std::span<const int> cameras,
+                                std::span<const SchurRows::Place> places,
+                                int worker) {
+  if (partition_.are_all_own()) return rows_.form(cameras, places, worker);
+  for (std::size_t k = 0; k < cameras.size(); ++k)
+    form_with_received(cameras[k], places[k], worker);
+}
+
+void DistributedSchurRows::form_with_received(int i, const SchurRows::Place& place, int worker) {
+  const auto [diagonal, blocks, rhs] = place;
   const std::span<const int> columns = behind_diagonal(pattern(), i);
   std::fill_n(blocks, size() * size() * static_cast<long>(columns.size()), 0.0);
   if (!partition_.is_own(i)) {
@@ -180,18 +188,18 @@ void DistributedSchurRows::form(int i, int worker, double* diagonal, double* blo
     std::fill_n(rhs, 2 * size(), 0.0);
     return;
   }
-  std::vector<int>& place = places_[worker];
-  for (std::size_t k = 0; k < columns.size(); ++k) place[columns[k]] = static_cast<int>(k);
+  std::vector<int>& number = numbers_[worker];
+  for (std::size_t k = 0; k < columns.size(); ++k) number[columns[k]] = static_cast<int>(k);
   const auto add_blocks = [&](std::span<const int> of, const double* from) {
     for (std::size_t k = 0; k < of.size(); ++k)
       add(from + size() * size() * static_cast<long>(k),
           size() * size(),
-          blocks + size() * size() * place[of[k]]);
+          blocks + size() * size() * number[of[k]]);
   };
   const std::span<const int> here = behind_diagonal(here_->pattern, i);
   AlignedVector<double>& part = parts_[worker];
   part.resize(static_cast<std::size_t>(size() * size()) * here.size());
-  rows_.form(i, worker, diagonal, part.data(), rhs);
+  form_here(i, {diagonal, part.data(), rhs}, worker);
   add_blocks(here, part.data());
   for (const Received& row : received_rows_[i]) {
     const double* from = received_.data() + row.first;

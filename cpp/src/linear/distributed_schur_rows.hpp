@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "rank_partition.hpp"
@@ -34,9 +35,11 @@ class DistributedSchurRows {
   // Sends what the points here add to the rows of others in this round, for the factors that the
   // elimination holds.
   void exchange(int round);
+  // As SchurRows has them; one where parts of rows come from other ranks.
+  int rows_at_once() const { return partition_.are_all_own() ? rows_.rows_at_once() : 1; }
   // As SchurRows::form, for the rows of `pattern` in the round that was exchanged last; zero for
   // cameras of others.
-  void form(int i, int worker, double* diagonal, double* blocks, double* rhs);
+  void form(std::span<const int> cameras, std::span<const SchurRows::Place> places, int worker);
 
  private:
   // A part of a row for another rank.
@@ -61,6 +64,10 @@ class DistributedSchurRows {
   long numbers_of(std::size_t blocks) const {
     return size() * (size() + 2) + size() * size() * static_cast<long>(blocks);
   }
+  void form_with_received(int i, const SchurRows::Place& place, int worker);
+  void form_here(int i, const SchurRows::Place& place, int worker) {
+    rows_.form({&i, 1}, {&place, 1}, worker);
+  }
   // Whether points here add to the row of another rank.
   bool is_sent(int camera) const;
   std::vector<double> numbers_on_their_way() const;
@@ -78,7 +85,7 @@ class DistributedSchurRows {
   std::vector<int> round_of_row_;
   std::vector<std::vector<Received>> received_rows_;  // of each camera, in the order of the ranks
   AlignedVector<double> sent_, received_;             // in the last round
-  std::vector<std::vector<int>> places_;      // of each worker: number of a camera's block in a row
+  std::vector<std::vector<int>> numbers_;     // of each worker: number of a camera's block in a row
   std::vector<AlignedVector<double>> parts_;  // likewise: blocks of a row from the points here
 };
 

@@ -1,6 +1,7 @@
 #include "sfmcpp/linear/explicit_schur.hpp"
 
 #include <algorithm>
+#include <array>
 
 #include "reduced_solver.hpp"
 
@@ -32,7 +33,9 @@ ExplicitSchurSolver::ExplicitSchurSolver(const NormalEquations& normal,
       other_residuals_(normal, elimination_),
       schur_rows_(normal, elimination_, pattern_) {
   const auto size = static_cast<std::size_t>(normal.map().camera_size);
-  rows_.resize(normal.map().has_shared_columns ? kRowsPerBatch : normal.pool().num_threads());
+  rows_.resize(normal.map().has_shared_columns
+                   ? kRowsPerBatch
+                   : normal.pool().num_threads() * schur_rows_.rows_at_once());
   rhs_.resize(static_cast<std::size_t>(normal.graph().num_cameras) * size);
   const bool sparse = kind == LinearSolverKind::kSparse && normal.map().num_columns > 0;
   const auto make = sparse ? make_sparse_reduced_solver : make_dense_reduced_solver;
@@ -91,24 +94,40 @@ void ExplicitSchurSolver::set_rhs(std::vector<double>& rhs) const {
 void ExplicitSchurSolver::form() {
   const bool shared = normal_.map().has_shared_columns;
   const int count = pattern_.num_rows(), batch = shared ? kRowsPerBatch : count;
+  const int at_once = schur_rows_.rows_at_once();
   for (int begin = 0; begin < count; begin += batch) {
     const int end = std::min(begin + batch, count);
-    normal_.pool().parallel_for_worker(end - begin, [&](int k, int worker) {
-      AlignedVector<double>& row = rows_[shared ? k : worker];
-      form_row(begin + k, worker, row);
-      reduced_->add_row(begin + k, row.data(), Columns::kOfOneCamera);
+    const int tasks = (end - begin + at_once - 1) / at_once;
+    normal_.pool().parallel_for_worker(tasks, [&](int task, int worker) {
+      const int first = begin + task * at_once, last = std::min(first + at_once, end);
+      const std::span rows(rows_.data() + (shared ? first - begin : worker * at_once), at_once);
+      form_rows(first, last, worker, rows);
+      for (int i = first; i < last; ++i)
+        reduced_->add_row(i, rows[i - first].data(), Columns::kOfOneCamera);
     });
     for (int i = begin; shared && i < end; ++i)
       reduced_->add_row(i, rows_[i - begin].data(), Columns::kShared);
   }
 }
 
-void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row) {
+void ExplicitSchurSolver::form_rows(int begin,
+                                    int end,
+                                    int worker,
+                                    std::span<AlignedVector<double>> rows) {
   const long size = normal_.map().camera_size, area = size * size;
-  row.resize(static_cast<std::size_t>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) * area);
-  schur_rows_.form(i, worker, row.data(), row.data() + area, rhs_.data() + size * i);
-  if (normal_.exchange().is_root())
-    add_camera_terms(i, schur_rows_.block_of_camera(worker), row.data() + area);
+  std::array<int, SchurRows::kMostRows> cameras;
+  std::array<SchurRows::Place, SchurRows::kMostRows> places;
+  for (int i = begin; i < end; ++i) {
+    AlignedVector<double>& row = rows[i - begin];
+    row.resize(static_cast<std::size_t>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) * area);
+    cameras[i - begin] = i;
+    places[i - begin] = {row.data(), row.data() + area, rhs_.data() + size * i};
+  }
+  const auto count = static_cast<std::size_t>(end - begin);
+  schur_rows_.form({cameras.data(), count}, {places.data(), count}, worker);
+  if (!normal_.exchange().is_root()) return;
+  for (int k = 0; k < end - begin; ++k)
+    add_camera_terms(begin + k, schur_rows_.block_of_camera(worker, k), places[k].blocks);
 }
 
 // `blocks` are those behind the diagonal one.

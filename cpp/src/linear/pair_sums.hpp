@@ -13,7 +13,7 @@ template <int D>
 inline constexpr bool kSumsPairs = SFMCPP_LANES == 8 && D <= 9;
 
 // How many pairs ahead the second observation is prefetched: it lies anywhere in memory.
-constexpr int kPairsAhead = 6;
+constexpr int kPairsAhead = 16;
 
 using Eight = Pack<8>;
 
@@ -81,39 +81,45 @@ inline void add_pair(const Stored<D, T>& stored,
   add_outer(block, weighted, j.numbers + D);
 }
 
-// blocks −= Σ J_aᵀ (t_a A_bᵀ) J_b over the pairs of each.
+// t of the observations of a row, as add_pair reads it.
 template <int D, class T>
-void sum_pairs(const PairSums& in) {
-  const Stored<D, T> stored(in.jacobian);
-  for (int a = in.begin; a < in.end; ++a) {
+void whiten_row(const PairSums& in, const Stored<D, T>& stored, const PairSums::Row& row) {
+  for (int a = row.begin; a < row.end; ++a) {
     const PointFactor& m = in.factors[in.point[a]];
     double g[6], t[6];
     whiten(stored.record(a), m, g);
     unwhiten(g, m, t);
-    store_columns(t, in.whitened + kWhitenedNumbers * static_cast<long>(a - in.begin));
+    store_columns(t, row.whitened + kWhitenedNumbers * static_cast<long>(a - row.begin));
   }
-  Row<D> middles;
-  set_zero(middles);
-  if (in.grid != nullptr) middles = middles_of<D>(in.grid_of_row);
-  const long last = in.pair_begin[in.num_blocks] - 1;
-  for (int k = 0; k < in.num_blocks; ++k) {
-    if (in.pair_begin[k] == in.pair_begin[k + 1]) continue;
-    double* sum = in.blocks + static_cast<long>(k) * D * D;
-    const double* grid =
-        in.grid == nullptr ? nullptr : in.grid + static_cast<long>(D) * in.columns[k];
+}
+
+// sum −= Σ J_aᵀ (t_a A_bᵀ) J_b over the pairs of each block.
+template <int D, class T>
+void sum_pairs(const PairSums& in) {
+  const Stored<D, T> stored(in.jacobian);
+  for (const PairSums::Row& row : in.rows) whiten_row(in, stored, row);
+  const long last = in.blocks.empty() ? 0 : in.blocks.back().end - 1;
+  long q = 0;
+  for (const PairSums::Block& of : in.blocks) {
+    if (q == of.end) continue;
+    const PairSums::Row& row = in.rows[of.row];
+    const double* grid = in.grid == nullptr ? nullptr : in.grid + static_cast<long>(D) * of.column;
+    Row<D> middles;
+    set_zero(middles);
+    if (grid != nullptr) middles = middles_of<D>(row.grid);
     Block<D> block;
-    load_block(sum, block);
+    load_block(of.sum, block);
     if (grid != nullptr) lift(middles, grid, block);
-    for (long q = in.pair_begin[k]; q < in.pair_begin[k + 1]; ++q) {
+    for (; q < of.end; ++q) {
       const long ahead = q + kPairsAhead;
       stored.prefetch(in.pairs[ahead < last ? ahead : last].second);
       const ObservationPair& pair = in.pairs[q];
       const double* columns_of_t =
-          in.whitened + kWhitenedNumbers * static_cast<long>(pair.first - in.begin);
+          row.whitened + kWhitenedNumbers * static_cast<long>(pair.first - row.begin);
       add_pair(stored, pair, columns_of_t, block);
     }
     if (grid != nullptr) lower(middles, grid, block);
-    store_block(block, sum);
+    store_block(block, of.sum);
   }
 }
 

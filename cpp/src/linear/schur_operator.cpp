@@ -1,6 +1,7 @@
 #include "schur_operator.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <type_traits>
 
@@ -130,7 +131,7 @@ BlockSparseSchur::BlockSparseSchur(const NormalEquations& normal,
   sums_.resize(numbers_of(tasks_));
   x_.assign(size * cameras, 0.0);  // stays zero where this rank touches no camera
   out_.resize(size * cameras);
-  rows_.resize(normal.pool().num_threads());
+  rows_.resize(normal.pool().num_threads() * schur_rows_.rows_at_once());
 }
 
 std::vector<BlockSparseSchur::RowTask> BlockSparseSchur::cut_rows(long blocks_per_task) const {
@@ -176,9 +177,12 @@ void BlockSparseSchur::form(CameraBlockDiagonal& diagonal) {
   schur_rows_.begin();
   for (int round = 0; round < schur_rows_.num_rounds(); ++round) {
     schur_rows_.exchange(round);
-    const std::vector<int>& rows = schur_rows_.rows_of_round(round);
-    normal_.pool().parallel_for_worker(static_cast<int>(rows.size()), [&](int k, int worker) {
-      form_row(rows[k], worker, diagonal);
+    const std::span<const int> rows = schur_rows_.rows_of_round(round);
+    const auto at_once = static_cast<std::size_t>(schur_rows_.rows_at_once());
+    const auto tasks = static_cast<int>((rows.size() + at_once - 1) / at_once);
+    normal_.pool().parallel_for_worker(tasks, [&](int task, int worker) {
+      const std::size_t first = at_once * task;
+      form_rows(rows.subspan(first, std::min(at_once, rows.size() - first)), worker, diagonal);
     });
   }
   diagonal_ = diagonal.camera_block(0);
@@ -189,17 +193,30 @@ void BlockSparseSchur::gather(CameraBlockDiagonal& diagonal, std::vector<double>
   diagonal.gather(rhs, normal_.map().has_shared_columns ? normal_.exchange() : this_process());
 }
 
-void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal) {
-  const auto num_blocks = static_cast<long>(columns_of_row(i).size());
-  AlignedVector<double>& row = rows_[worker];
-  row.resize(static_cast<std::size_t>(area() * num_blocks));
-  schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), diagonal.camera_rhs(i));
+void BlockSparseSchur::form_rows(std::span<const int> cameras,
+                                 int worker,
+                                 CameraBlockDiagonal& diagonal) {
+  AlignedVector<double>* rows = rows_.data() + worker * schur_rows_.rows_at_once();
+  std::array<SchurRows::Place, SchurRows::kMostRows> places;
+  for (std::size_t k = 0; k < cameras.size(); ++k) {
+    const int i = cameras[k];
+    rows[k].resize(static_cast<std::size_t>(area()) * columns_of_row(i).size());
+    places[k] = {diagonal.camera_block(i), rows[k].data(), diagonal.camera_rhs(i)};
+  }
+  schur_rows_.form(cameras, {places.data(), cameras.size()}, worker);
+  for (std::size_t k = 0; k < cameras.size(); ++k) round_row(cameras[k], rows[k].data());
+}
+
+void BlockSparseSchur::round_row(int i, const double* row) {
   float* rounded = blocks_.data() + first_of_row(i);
-  for (long k = 0; k < num_blocks; ++k)
-    kernels_.round(row.data() + area() * k,
+  for (const int j : columns_of_row(i)) {
+    kernels_.round(row,
                    schur_rows_.grid().inverse_of_camera(i),
-                   schur_rows_.grid().inverse_of_camera(columns_of_row(i)[k]),
-                   rounded + area() * k);
+                   schur_rows_.grid().inverse_of_camera(j),
+                   rounded);
+    row += area();
+    rounded += area();
+  }
 }
 
 template <class Number>

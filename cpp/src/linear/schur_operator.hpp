@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "distributed_schur_rows.hpp"
@@ -86,7 +87,8 @@ class BlockSparseSchur final : public SchurOperator {
   std::vector<RowTask> cut_rows(long blocks_per_task) const;
   std::size_t numbers_of(const std::vector<RowTask>& tasks) const;
   std::vector<RowTask> choose_tasks() const;
-  void form_row(int i, int worker, CameraBlockDiagonal& diagonal);
+  void form_rows(std::span<const int> cameras, int worker, CameraBlockDiagonal& diagonal);
+  void round_row(int i, const double* row);
   template <class Number>
   void multiply(const std::vector<double>& x, std::vector<Number>& out);
   void multiply_rows(const RowTask& task);
@@ -107,7 +109,7 @@ class BlockSparseSchur final : public SchurOperator {
   double middle_ = 0.0;                      // of the sums of this product
   AlignedVector<double> sums_;               // of the tasks
   AlignedVector<double> x_, out_;            // camera blocks, times powers and divided by them
-  std::vector<AlignedVector<double>> rows_;  // of each worker, the blocks of one row
+  std::vector<AlignedVector<double>> rows_;  // of each worker, the blocks of a few rows
 };
 
 // (S + B + λD) x for vectors that are distributed over ranks: each multiplies by its part of S, and

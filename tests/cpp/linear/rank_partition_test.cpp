@@ -82,7 +82,8 @@ std::pair<std::vector<double>, int> rows_of(const RandomSystem& system) {
       const CameraPattern& whole = structure->pattern;
       std::vector<double>& row = numbers[i];
       row.resize(12 + 36 * (whole.row_begin[i + 1] - whole.row_begin[i]), 0.0);
-      rows.form(i, 0, row.data() + 12, row.data() + 48, row.data());
+      const SchurRows::Place place{row.data() + 12, row.data() + 48, row.data()};
+      rows.form({&i, 1}, {&place, 1}, 0);
       for (int k = 0; k < 6; ++k) row[k] += std::exchange(row[6 + k], 0.0);
     }
   }

@@ -131,6 +131,13 @@ class SchurKernel : public testing::TestWithParam<Case> {
     }
     return block;
   }
+  void append_pairs(int i, int j, std::vector<ObservationPair>& pairs) const {
+    for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
+      for (int b = graph.camera_begin[j]; b < graph.camera_begin[j + 1]; ++b) {
+        if (graph.point[a] == graph.point[b]) pairs.push_back({a, b});
+      }
+    }
+  }
   VectorXd expected_rhs(int i) const {
     VectorXd rhs = VectorXd::Zero(size);
     for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
@@ -226,40 +233,35 @@ TEST_P(SchurKernel, SchurRowAddsTheBlocksBehindTheDiagonalOne) {
 
 TEST_P(SchurKernel, PairsByBlockAddTheSame) {
   if (kernels.sum_pairs == nullptr) GTEST_SKIP() << "too few registers for blocks of this size";
-  for (int i = 0; i < kCameras; ++i) {
+  const std::size_t area = static_cast<std::size_t>(size) * size;
+  const AlignedVector<double> grid(static_cast<std::size_t>(size) * kCameras, kPower);
+  for (const double* powers : {static_cast<const double*>(nullptr), grid.data()}) {
+    AlignedVector<double> blocks(area * kCameras * kCameras, 1.0);
+    AlignedVector<double> whitened(kWhitenedNumbers * count);
+    std::vector<PairSums::Row> rows;
+    std::vector<PairSums::Block> sums;
     std::vector<ObservationPair> pairs;
-    std::vector<long> begin{0};
-    for (int j = i + 1; j < kCameras; ++j) {
-      for (int a = graph.camera_begin[i]; a < graph.camera_begin[i + 1]; ++a) {
-        for (int b = graph.camera_begin[j]; b < graph.camera_begin[j + 1]; ++b) {
-          if (graph.point[a] == graph.point[b]) pairs.push_back({a, b});
-        }
+    for (int i = 0; i < kCameras; ++i) {
+      const int first = graph.camera_begin[i];
+      double* of_row = whitened.data() + kWhitenedNumbers * static_cast<long>(first);
+      rows.push_back({first, graph.camera_begin[i + 1], of_row, powers});
+    }
+    for (int j = 0; j < kCameras; ++j) {
+      for (int i = 0; i < j; ++i) {
+        append_pairs(i, j, pairs);
+        double* sum = &blocks[area * (kCameras * i + j)];
+        sums.push_back({i, j, static_cast<long>(pairs.size()), sum});
       }
-      begin.push_back(static_cast<long>(pairs.size()));
     }
-    const std::size_t area = static_cast<std::size_t>(size) * size;
-    const AlignedVector<double> grid(static_cast<std::size_t>(size) * kCameras, kPower);
-    std::vector<int> columns(kCameras - i - 1);
-    std::iota(columns.begin(), columns.end(), i + 1);
-    for (const double* powers : {static_cast<const double*>(nullptr), grid.data()}) {
-      AlignedVector<double> blocks(area * (kCameras - i), 1.0);
-      AlignedVector<double> whitened(kWhitenedNumbers * count);
-      kernels.sum_pairs({.begin = graph.camera_begin[i],
-                         .end = graph.camera_begin[i + 1],
-                         .pairs = pairs.data(),
-                         .pair_begin = begin.data(),
-                         .num_blocks = kCameras - i - 1,
-                         .blocks = blocks.data(),
-                         .point = graph.point.data(),
-                         .jacobian = stored(),
-                         .factors = factors.data(),
-                         .whitened = whitened.data(),
-                         .grid = powers,
-                         .grid_of_row = powers,
-                         .columns = columns.data()});
-      for (int j = i + 1; j < kCameras; ++j)
-        expect_close(from_panels(&blocks[area * (j - i - 1)]), expected_block(i, j).array() + 1.0);
-    }
+    kernels.sum_pairs({.rows = rows,
+                       .blocks = sums,
+                       .pairs = pairs.data(),
+                       .point = graph.point.data(),
+                       .jacobian = stored(),
+                       .factors = factors.data(),
+                       .grid = powers});
+    for (const PairSums::Block& sum : sums)
+      expect_close(from_panels(sum.sum), expected_block(sum.row, sum.column).array() + 1.0);
   }
 }
 

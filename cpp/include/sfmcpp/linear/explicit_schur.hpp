@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 #include <vector>
 
 #include <Eigen/Core>
@@ -42,7 +43,7 @@ class ExplicitSchurSolver final : public LinearSolver {
 
  private:
   void form();
-  void form_row(int i, int worker, AlignedVector<double>& row);
+  void form_rows(int begin, int end, int worker, std::span<AlignedVector<double>> rows);
   void add_camera_terms(int i, const int* block_of_camera, double* blocks) const;
   void set_rhs(std::vector<double>& rhs) const;
 
@@ -53,7 +54,7 @@ class ExplicitSchurSolver final : public LinearSolver {
   OtherResiduals other_residuals_;
   SchurRows schur_rows_;
   std::unique_ptr<ReducedSolver> reduced_;
-  // The block row that each worker forms; of each camera of a batch where cameras share columns.
+  // The block rows that each worker forms; of each camera of a batch where cameras share columns.
   std::vector<AlignedVector<double>> rows_;
   AlignedVector<double> rhs_;  // Σ Jᵀ r̄ per camera
 };

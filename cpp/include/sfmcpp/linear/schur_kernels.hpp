@@ -15,6 +15,8 @@
 // J and A|r are stored in double or in single precision (precision.hpp); all else is double.
 #pragma once
 
+#include <span>
+
 #include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/core/isa.hpp"
 #include "sfmcpp/linear/precision.hpp"
@@ -76,21 +78,27 @@ struct SchurRow {
   double* blocks;              // added to
 };
 
-// The same with the pairs of these observations given, by block. With a grid (sum_grid.hpp), sums
-// are taken on it.
+// The same with the pairs of observations given, by block, for some rows at once. With a grid
+// (sum_grid.hpp), sums are taken on it.
 struct PairSums {
-  int begin = 0, end = 0;  // observations of camera i
+  struct Row {
+    int begin, end;                // observations of camera i
+    double* whitened;              // room for kWhitenedNumbers of each
+    const double* grid = nullptr;  // of camera i
+  };
+  struct Block {
+    int row;      // number among the rows
+    int column;   // camera j
+    long end;     // of its pairs, which begin where those of the block before end
+    double* sum;  // added to
+  };
+  std::span<const Row> rows;
+  std::span<const Block> blocks;
   const ObservationPair* pairs = nullptr;
-  const long* pair_begin = nullptr;  // of each of the blocks, and the end
-  int num_blocks = 0;
-  double* blocks = nullptr;    // added to
   const int* point = nullptr;  // of every observation
   StoredJacobian jacobian{};
   const PointFactor* factors = nullptr;
-  double* whitened = nullptr;           // kWhitenedNumbers for each observation
-  const double* grid = nullptr;         // of every camera
-  const double* grid_of_row = nullptr;  // of camera i
-  const int* columns = nullptr;         // camera j of each block
+  const double* grid = nullptr;  // of every camera
 };
 
 // Block (i, i) of S and Σ Jᵀ r̄ of a camera, overwritten.
@@ -120,7 +128,7 @@ struct SchurKernels {
   void (*schur_row)(const SchurRow& row);
   // The same by lists of pairs, in a fraction of the time; null where a block does not fit into the
   // registers.
-  void (*sum_pairs)(const PairSums& row);
+  void (*sum_pairs)(const PairSums& rows);
   // J of n observations as it is stored; A|r too, with Aᵀr less what the stored numbers make of it,
   // four numbers each, of which the last means nothing.
   void (*round_jacobian)(int n, const double* jacobian, void* stored);

@@ -1,6 +1,8 @@
-// Block rows of the Schur complement, formed one by one and by any thread.
+// Block rows of the Schur complement, formed a few at a time and by any thread.
 #pragma once
 
+#include <array>
+#include <span>
 #include <vector>
 
 #include "sfmcpp/core/aligned.hpp"
@@ -35,6 +37,15 @@ class PairLists {
 
 class SchurRows {
  public:
+  // Where a row goes, all overwritten: block (i, i), the blocks (i, j), j > i, of the pattern one
+  // after the other, and Σ Jᵀ r̄ of camera i.
+  struct Place {
+    double* diagonal;
+    double* blocks;
+    double* rhs;
+  };
+  static constexpr int kMostRows = 8;
+
   // The references must outlive this object.
   SchurRows(const NormalEquations& normal,
             const PointElimination& elimination,
@@ -43,44 +54,62 @@ class SchurRows {
   // From now on sums are taken on this grid, and that of the right-hand side is compensated: what
   // is rounded off comes behind it. `grid` must outlive this object.
   void sum_on(const SumGrid& grid) { grid_ = &grid; }
-  // Block (i, i), the blocks (i, j), j > i, of the pattern one after the other, and Σ Jᵀ r̄ of
-  // camera i, all overwritten, for the factors that the elimination holds.
-  void form(int i, int worker, double* diagonal, double* blocks, double* rhs);
-  // For the row that the worker formed last: number of block (i, j) among `blocks`; −1 for i.
-  const int* block_of_camera(int worker) const { return scratch_[worker].block_of_camera.data(); }
+  // How many rows are best formed together. Where tracks are long, the observations of later
+  // cameras do not fit into the caches, and rows of cameras that see the same points read the same
+  // ones, once for all of them.
+  int rows_at_once() const { return sums_in_parts_ ? kMostRows : 1; }
+  // Rows of at most kMostRows cameras, for the factors that the elimination holds.
+  void form(std::span<const int> cameras, std::span<const Place> places, int worker);
+  // For row k of those that the worker formed last: number of block (i, j) among `blocks`; −1 for
+  // i.
+  const int* block_of_camera(int worker, int k) const {
+    return scratch_[worker].rows[k].block_of_camera.data();
+  }
 
  private:
+  struct Row {
+    int camera;
+    double* blocks;
+    std::vector<int> block_of_camera;
+    int next = 0;  // of its observations, the first that is in no part yet
+  };
   struct FoundPair {
-    int block;
+    int key;  // numbers of its column and row
     ObservationPair pair;
   };
   struct Scratch {
-    std::vector<int> block_of_camera;
+    std::array<Row, kMostRows> rows;
     AlignedVector<double> whitened;
-    // Of a part of a row: as they are found, and by block.
+    std::vector<PairSums::Row> sums_of_rows;
+    std::vector<PairSums::Block> sums_of_blocks;
+    // Of a part of rows: as they are found, and by block.
     std::vector<FoundPair> found;
     std::vector<ObservationPair> pairs;
     std::vector<long> pair_begin;
+    std::vector<int> columns, number_of_column;  // the latter of each camera; −1
   };
 
   int num_blocks_behind(int i) const;
   const int* columns_behind(int i) const {
     return pattern_.column.data() + pattern_.row_begin[i] + 1;
   }
-  void add_row(int i, const Scratch& scratch, double* blocks) const;
-  void lift(int i, double sign, double* blocks) const;
-  void add_kept_pairs(int i, Scratch& scratch, double* blocks) const;
-  void add_pairs_in_parts(int i, Scratch& scratch, double* blocks) const;
-  int find_part(int begin, int last, Scratch& scratch) const;
-  static void sort_part(int num_blocks, Scratch& scratch);
-  // With all that is alike for all parts.
-  void add_pairs(int i, PairSums sums, Scratch& scratch) const;
+  void form_diagonal(int i, const Place& place) const;
+  void add_row(const Row& row) const;
+  void lift(const Row& row, double sign) const;
+  void add_kept_pairs(Scratch& scratch) const;
+  void add_pairs_in_parts(int num_rows, Scratch& scratch) const;
+  void number_columns(int num_rows, Scratch& scratch) const;
+  bool find_part(int num_rows, Scratch& scratch) const;
+  void sort_part(int num_rows, Scratch& scratch) const;
+  PairSums::Row sum_of_row(const Row& row, int begin, int end, double* whitened) const;
+  void sum_pairs(const ObservationPair* pairs, const Scratch& scratch) const;
 
   const NormalEquations& normal_;
   const PointElimination& elimination_;
   const CameraPattern& pattern_;
   const SumGrid* grid_ = nullptr;
   PairLists pairs_;
+  bool sums_in_parts_;
   std::vector<Scratch> scratch_;
 };
 
