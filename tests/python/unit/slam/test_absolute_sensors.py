@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -117,6 +118,18 @@ def test_keyframes_that_have_drifted_are_moved_back_and_their_points_with_them(k
     for keyframe, pose in zip(world.keyframes, before, strict=True):
         np.testing.assert_allclose(keyframe.pose, pose, atol=0.02)
     assert found.first == len(before) - SlamSettings().registration_keyframes
+
+
+@pytest.mark.parametrize("kind", ["gps", "ins"])
+def test_keyframes_within_the_noise_of_positions_have_not_drifted_from_them(kind: str) -> None:
+    cameras, settings = bent().cameras, SlamSettings()
+    exact = gps_of(cameras, 1e-4) if kind == "gps" else ins_of(cameras, 1e-4, 1e-5)
+    world = run_slam(sequence_of(bent()), settings, [exact]).world
+    assert world is not None
+    first = len(world.keyframes) - settings.registration_keyframes
+    world.move_recent(first, Similarity(1.0, np.eye(3), np.array([0.5, 0.0, -0.5])))
+    assert correction(world, SensorSuite([replace(exact, sigma_m=1.0)]), settings) is None
+    assert correction(world, SensorSuite([replace(exact, sigma_m=0.1)]), settings) is not None
 
 
 def test_an_odometer_gives_drifted_keyframes_their_scale_back_where_that_is_asked_for() -> None:
