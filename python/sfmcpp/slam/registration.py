@@ -106,10 +106,16 @@ def place_at_end(result: SlamResult, sensors: SensorSuite, settings: SlamSetting
 
 def _num_measured(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> int:
     """Number of keyframes whose place is measured, not extrapolated, or that measured distances link."""
-    spans = [s.believed.t_s[[0, -1]] for s in sensors.sensors if isinstance(s, Gps | Ins)]
-    places = sum(any(first <= k.t_s <= last for first, last in spans) for k in keyframes)
+    absolute = [s for s in sensors.sensors if isinstance(s, Gps | Ins)]
+    places = sum(any(_is_within(sensor, k.t_s) for sensor in absolute) for k in keyframes)
     known = sum(distance is not None for distance in _distances_between(keyframes, sensors))
     return max(places, known + (known > 0))
+
+
+def _is_within(sensor: Gps | Ins, time_s: float) -> bool:
+    """Whether a time is between the first and the last that a sensor measures: beyond, it is extrapolated."""
+    first, last = sensor.believed.t_s[[0, -1]]
+    return bool(first <= time_s <= last)
 
 
 def _distances_between(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> list[float | None]:
@@ -267,7 +273,7 @@ def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewes
     gps = sensors.of_type(Gps)[0]
     rotation = np.eye(3)
     for _ in range(_ROUNDS):
-        at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes]
+        at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes if _is_within(gps, k.t_s)]
         pairs = [(seen, centre) for seen, centre in at if centre is not None]
         if len(pairs) < fewest:
             return None

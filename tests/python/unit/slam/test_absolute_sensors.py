@@ -13,7 +13,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, SensorStream
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
-from sfmcpp.slam.registration import Correction, correction
+from sfmcpp.slam.registration import Correction, correction, registration
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import tracks_of_kitti
@@ -105,6 +105,19 @@ def test_positions_that_are_missing_leave_the_map_in_its_own_world() -> None:
     result = run_slam(sequence_of(scene), sensors=[Gps(late.stream.shifted(1e4), MOUNTING)])
     assert not result.metric
     assert len(result.poses) == scene.num_cameras
+
+
+def test_keyframes_before_the_first_position_do_not_bring_the_map_into_its_world() -> None:
+    """On a straight line through the first two positions they would be where no camera was."""
+    gps = gps_of(bent().cameras, 0.05)
+    world = run_slam(sequence_of(bent())).world
+    assert world is not None
+    settings = SlamSettings()
+    for late, brought in ((3, False), (settings.registration_keyframes + 2, True)):
+        since_s = world.keyframes[-late].t_s
+        some = gps.stream.only(gps.stream.t_s >= since_s)
+        suite = SensorSuite([replace(gps, stream=replace(some, max_gap_s=60.0))])
+        assert (registration(world, suite, settings) is not None) == brought
 
 
 DRIFT = Similarity(1.15, so3.exp(np.array([0.0, 0.05, 0.0])), np.array([0.3, 0.0, -0.5]))
