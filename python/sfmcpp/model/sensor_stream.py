@@ -198,7 +198,9 @@ class Gap:
     end_s: float
 
     def __str__(self) -> str:
-        return f"{self.end_s - self.start_s:.3f} s from {self.start_s:.3f} to {self.end_s:.3f} s"
+        # A little before zero, "-0.000" would look like a fault of its own.
+        start_s, end_s = (round(time_s, 3) + 0.0 for time_s in (self.start_s, self.end_s))
+        return f"{self.end_s - self.start_s:.3f} s from {start_s:.3f} to {end_s:.3f} s"
 
 
 @dataclass(frozen=True, eq=False)

@@ -69,7 +69,7 @@ class DirectionClock:
     def complaint(self) -> str:
         """What the clock is, beside the camera's."""
         clock = clock_text(self.offset_s, _SAME_S, "the camera's")
-        return f"by its directions {clock}: {self.offset_s:.2f} s are added to the stamps"
+        return f"by its directions {clock}: {self.offset_s:.2f} s are to be added to the stamps"
 
 
 @checked()
@@ -90,8 +90,8 @@ def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[T
     Returns
     -------
     DirectionClock
-        It tells nothing where the stream covers fewer than forty of them at every offset, nor where the
-        largest offset is the best.
+        It tells nothing where the stream covers fewer than forty of them at every offset, where the largest
+        offset is the best, nor where most directions are off by too much even at the best.
 
     Raises
     ------
@@ -111,7 +111,9 @@ def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[T
     blocks = np.array_split(np.flatnonzero(moves), np.ceil(np.count_nonzero(moves) / _LARGEST_BLOCK))
     cost = np.sum([_costs(steps[:, block], [covered[k] for k in block]) for block in blocks], axis=0)
     best = int(np.argmin(cost))
-    if not 0 < best < len(cost) - 1:
+    if not 0 < best < len(cost) - 1 or _are_mostly_cut(
+        steps[best, moves], [t for t, moved in zip(covered, moves, strict=True) if moved]
+    ):
         return DirectionClock(int(np.count_nonzero(moves)))
     others = np.abs(_OFFSETS_S - _OFFSETS_S[best]) > _SAME_S
     return DirectionClock(
@@ -131,24 +133,41 @@ def _steps_at_offsets(stream: SensorStream, mounting: Mounting, turns: Sequence[
     return np.asarray(travelled @ mounting.camera_from_body.T)
 
 
+def _are_mostly_cut(steps: FloatArray, turns: Sequence[Turn]) -> bool:
+    """Whether most errors of steps (n, 3) are beyond the largest one that counts.
+
+    What is left of them then are cuts, whose likelihood has a best offset by chance: the steps of a slow
+    drone with a fast camera are as long as the noise of the points.
+    """
+    errors = _errors_across(steps[None], turns)[0]
+    return bool(np.median(np.abs(_about_median(errors))) > _LARGEST_ERROR_RAD)
+
+
 def _costs(steps: FloatArray, turns: Sequence[Turn]) -> FloatArray:
     """Negative log-likelihood (offsets,) of directions, of both coordinates across the way."""
+    errors, sigmas = _errors_across(steps, turns)
+    middles_s = np.array([0.5 * (turn.start_s + turn.end_s) for turn in turns])
+    return np.asarray(sum(_cost_of_errors(e, s, middles_s) for e, s in zip(errors, sigmas, strict=True)))
+
+
+def _errors_across(steps: FloatArray, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:
+    """Errors (2, offsets, n) about both axes across the way [rad], and their sigmas (2, n) by the images."""
     told = steps / np.linalg.norm(steps, axis=2, keepdims=True)
     seen = np.stack([turn.direction for turn in turns])
     middle = np.median(seen, axis=0)
     across = np.linalg.svd(middle[None])[2][1:]
     sigmas = np.sqrt(np.einsum("ki,nij,kj->kn", across, np.stack([t.covariance for t in turns]), across))
-    errors = np.einsum("ki,oni->kon", across, np.cross(told, seen))
     # The error across one axis turns about the other.
-    middles_s = np.array([0.5 * (turn.start_s + turn.end_s) for turn in turns])
-    return np.asarray(
-        sum(_cost_of_errors(e, s, middles_s) for e, s in zip(errors, sigmas[::-1], strict=True))
-    )
+    return np.einsum("ki,oni->kon", across, np.cross(told, seen)), sigmas[::-1]
+
+
+def _about_median(errors: FloatArray) -> FloatArray:
+    return np.asarray(errors - np.median(errors, axis=-1, keepdims=True))
 
 
 def _cost_of_errors(errors: FloatArray, sigmas: FloatArray, t_s: FloatArray) -> FloatArray:
     """Negative log-likelihood (offsets,) of `errors` (offsets, n) about their running mean."""
-    near = np.clip(errors - np.median(errors, axis=1, keepdims=True), -_LARGEST_ERROR_RAD, _LARGEST_ERROR_RAD)
+    near = np.clip(_about_median(errors), -_LARGEST_ERROR_RAD, _LARGEST_ERROR_RAD)
     window = np.exp(-0.5 * ((t_s[:, None] - t_s) / _WINDOW_S) ** 2)
     costs = []
     for extra, factor in product(_EXTRA_RAD, _FACTORS):

@@ -38,6 +38,8 @@ _SMOOTHED_WITHIN_S, _LEAST_SMOOTHED, _MOST_SMOOTHED = 0.5, 5, 10
 _ROUNDING = 1e-5
 # Largest variance about the parabola, in units of the declared one: above it the motion is no parabola.
 _LARGEST_VARIANCE_RATIO = 2.0
+# Of a vehicle that brakes or turns, between two positions.
+_ACCELERATION_M_S2 = 1.0
 # No metric coordinates of the Earth are larger, not even with the number of their zone before them.
 _FARTHEST_M = 1e8
 
@@ -67,6 +69,21 @@ def position_at(stream: SensorStream, time_s: float) -> FloatArray | None:
     if not stream.covers(time_s, time_s):
         return None
     return np.asarray(measured_at(stream, np.array([time_s]))[0])
+
+
+def position_sigma(stream: SensorStream, time_s: float, sigma_m: float | None) -> float | None:
+    """Standard deviation along each axis of :func:`position_at` [m], where that of a position is `sigma_m`.
+
+    Between positions that are far apart a vehicle may turn, and beyond the ends of a stream also the noise of
+    the last two grows: that of a straight line through both, and what an acceleration adds.
+    """
+    if sigma_m is None or len(stream) < 2:
+        return sigma_m
+    after = int(np.clip(np.searchsorted(stream.t_s, time_s), 1, len(stream) - 1))
+    start_s, end_s = stream.t_s[after - 1 : after + 1].tolist()
+    share = (time_s - start_s) / (end_s - start_s)
+    bent_m = 0.5 * _ACCELERATION_M_S2 * abs((time_s - start_s) * (time_s - end_s))
+    return float(np.hypot(sigma_m * max(1.0, np.hypot(share, 1 - share)), bent_m))
 
 
 @checked()

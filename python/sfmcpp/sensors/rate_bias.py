@@ -26,6 +26,9 @@ _FEWEST, MOST_TURNS = 6, 64
 # [rad/s]: with both, in no window of the fault-free streams of 0001, 0027, 0036 and 0039 there was one.
 _SIGMAS = 5.0
 _LEAST_RAD_S = float(np.radians(3.7))
+# With as many pairs the standard deviations alone decide: in windows of the same streams there were up to 6.1
+# with 6 to 16 pairs, 3.5 with 24, 2.8 with 32 or more.
+_MANY = 32
 # No gyroscope has more; rates in a wrong unit do [rad/s].
 LARGEST_RAD_S = float(np.radians(20.0))
 # Least standard deviation of the rotations by images [rad].
@@ -33,6 +36,8 @@ _LEAST_ERROR_RAD = 0.001
 # A clock offset looks like a bias where the rate changes, and wrong axes do where it does not. The bias must
 # leave at most this share of the errors that the best clock leaves, or that an evenly turning camera leaves …
 _SHARE_OF_OTHERS = 0.5
+# … or explain many pairs better by so much in log-likelihood, as a small bias hides in the noise of each …
+_GAIN = 12.0
 # … the latter if the errors are, beside the camera's rotations, no larger than wrong axes make them.
 _LARGEST_RATIO = 2.0
 # Clock offsets tried [s].
@@ -76,11 +81,11 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
         return None
     errors, lengths_s = rotation_errors(stream, mounting, covered, np.zeros(1))[0], durations_s(covered)
     rate, sigma = _rate(errors, lengths_s)
-    least = max(_SIGMAS * sigma, _LEAST_RAD_S / np.sqrt(len(covered)))
-    if not least <= np.linalg.norm(rate) <= LARGEST_RAD_S:
+    floor = _LEAST_RAD_S / np.sqrt(len(covered)) if len(covered) < _MANY else 0.0
+    if not max(_SIGMAS * sigma, floor) <= np.linalg.norm(rate) <= LARGEST_RAD_S:
         return None
-    left = _median_norm(errors - lengths_s[:, None] * rate)
-    if left > _SHARE_OF_OTHERS * _median_error_of_alternatives(stream, mounting, covered, errors):
+    left = np.linalg.norm(errors - lengths_s[:, None] * rate, axis=1)
+    if not _is_likelier(left, _left_by_others(stream, mounting, covered, errors)):
         return None
     return np.asarray(mounting.camera_from_body.T @ rate)
 
@@ -142,17 +147,31 @@ def error_scale(lengths: FloatArray) -> float:
     return max(float(np.median(lengths)) / _MEDIAN_LENGTH, _LEAST_ERROR_RAD)
 
 
-def _median_norm(errors: FloatArray) -> FloatArray:
-    return np.asarray(np.median(np.linalg.norm(errors, axis=-1), axis=-1))
+def cauchy_loss(lengths: FloatArray, scale: float) -> FloatArray:
+    """Negative log-likelihood of rotation vectors by their lengths (…, n), with Cauchy's density."""
+    return np.asarray(np.log1p((lengths / (2 * scale)) ** 2).sum(axis=-1))
 
 
-def _median_error_of_alternatives(
+def _is_likelier(left: FloatArray, by_others: FloatArray) -> bool:
+    """Whether a bias that leaves errors of lengths (n,) explains more than what leaves each of (k, n)."""
+    if np.median(left) <= _SHARE_OF_OTHERS * np.median(by_others, axis=1).min():
+        return True
+    scale = error_scale(left)
+    gain = cauchy_loss(by_others, scale).min() - cauchy_loss(left, scale)
+    return len(left) >= _MANY and bool(gain >= _GAIN)
+
+
+def _left_by_others(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
-) -> float:
-    """Median error at the best clock offset, or with a camera that turns evenly if that is less [rad]."""
-    by_clocks = float(_median_norm(rotation_errors(stream, mounting, turns, _OFFSETS_S)).min())
+) -> FloatArray:
+    """Lengths (k, n) of the errors at each clock offset, and where they may tell with an even turn [rad]."""
+    by_clocks = np.linalg.norm(rotation_errors(stream, mounting, turns, _OFFSETS_S), axis=-1)
     seen, lengths_s = so3.log(rotations_of(turns)), durations_s(turns)
     if _median_norm(errors) > _LARGEST_RATIO * _median_norm(seen):
-        return by_clocks
+        return np.asarray(by_clocks)
     evenly = seen - lengths_s[:, None] * _rate(seen, lengths_s)[0]
-    return min(by_clocks, float(_median_norm(evenly)))
+    return np.vstack([by_clocks, np.linalg.norm(evenly, axis=1)])
+
+
+def _median_norm(errors: FloatArray) -> FloatArray:
+    return np.asarray(np.median(np.linalg.norm(errors, axis=-1), axis=-1))

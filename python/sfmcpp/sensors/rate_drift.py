@@ -11,7 +11,7 @@ from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.rate_bias import LARGEST_RAD_S, durations_s, error_scale, rotation_errors
+from sfmcpp.sensors.rate_bias import LARGEST_RAD_S, cauchy_loss, durations_s, error_scale, rotation_errors
 from sfmcpp.sensors.stream import require_kind
 from sfmcpp.sensors.turn import Turn, times_of
 
@@ -90,13 +90,13 @@ def find_drift(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) 
     middle_s, seconds = float(t_s.mean()), float(np.ptp(t_s))
     line, left = _fitted(errors, lengths_s, t_s - middle_s)
     scale = error_scale(left)
-    gain = _loss(_fitted(errors, lengths_s)[1], scale) - _loss(left, scale)
+    gain = cauchy_loss(_fitted(errors, lengths_s)[1], scale) - cauchy_loss(left, scale)
     if gain < _GAIN or np.abs(line[0]).max() > LARGEST_RAD_S:
         return None
     step = -(-(len(covered) - 2 * _FEWEST_BESIDE) // _MOST_LEAPS)
     leaps = t_s[_FEWEST_BESIDE : len(covered) - _FEWEST_BESIDE : step]
     left_by_leaps = (_fitted(errors, lengths_s, (t_s > leap).astype(float))[1] for leap in leaps)
-    if min(_loss(beside, scale) for beside in left_by_leaps) < _loss(left, scale):
+    if min(cauchy_loss(beside, scale) for beside in left_by_leaps) < cauchy_loss(left, scale):
         return None
     rate, change = line @ mounting.camera_from_body
     return RateDrift(middle_s, rate, change, seconds)
@@ -143,7 +143,3 @@ def _fitted(
         weighted = (lengths_s**2 / (1 + (left / (2 * scale)) ** 2))[:, None] * design
         found = np.linalg.solve(design.T @ weighted, weighted.T @ rates)
     return found, np.linalg.norm(errors - lengths_s[:, None] * (design @ found), axis=1)
-
-
-def _loss(left: FloatArray, scale: float) -> float:
-    return float(np.log1p((left / (2 * scale)) ** 2).sum())

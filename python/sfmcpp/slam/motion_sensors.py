@@ -30,6 +30,7 @@ from sfmcpp.sensors import (
     without_repeats,
 )
 from sfmcpp.sensors.frozen_speed import frozen_stretches
+from sfmcpp.sensors.gps import position_sigma
 from sfmcpp.slam.measurement import Measurement
 
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
@@ -142,9 +143,8 @@ class Odometer:
         if self.sigma_m is None:
             return None
         middle_s = 0.5 * (start_s + end_s)
-        since_s = sum(
-            max(0.0, min(middle_s - gap.start_s, gap.end_s - middle_s)) for gap in self.carried_stretches
-        )
+        to_ends = (min(middle_s - gap.start_s, gap.end_s - middle_s) for gap in self.carried_stretches)
+        since_s = sum(max(0.0, to_end_s) for to_end_s in to_ends)
         carried_m = _CARRIED_M_S2 * since_s * (end_s - start_s)
         return float(np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m]))
 
@@ -326,8 +326,8 @@ class Gps:
 
     def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
         """Centre of this keyframe."""
-        centre = self.at(end_s, rotation)
-        return None if centre is None else Measurement(self.name, "position", centre, self.sigma_m)
+        centre, sigma_m = self.at(end_s, rotation), position_sigma(self.believed, end_s, self.sigma_m)
+        return None if centre is None else Measurement(self.name, "position", centre, sigma_m)
 
 
 @dataclass(frozen=True, eq=False)

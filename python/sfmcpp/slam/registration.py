@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -27,8 +28,9 @@ from sfmcpp.slam.world_map import Keyframe, WorldMap
 _RELATIVE_SIGMA = 0.03
 # At the end of a run fewer keyframes than the setting asks for will do, but not fewer than these.
 _FEWEST_AT_END = 4
-# The map has drifted from a sensor if a fit of its last keyframes leaves less than this share of their
-# distance to it.
+# The map has drifted from a sensor if its last keyframes are farther from it than by noise, and a fit leaves
+# less than this share of that. Within the noise, a similarity fits the few positions of a second too well: of
+# a GPS once a second it scaled maps that were right to half a metre by 0.8 to 1.1.
 _DRIFT_RATIO = 0.5
 # Such a fit uses at most so many keyframes.
 _LOOK_BACK = 80
@@ -104,10 +106,16 @@ def place_at_end(result: SlamResult, sensors: SensorSuite, settings: SlamSetting
 
 def _num_measured(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> int:
     """Number of keyframes whose place is measured, not extrapolated, or that measured distances link."""
-    spans = [s.believed.t_s[[0, -1]] for s in sensors.sensors if isinstance(s, Gps | Ins)]
-    places = sum(any(first <= k.t_s <= last for first, last in spans) for k in keyframes)
+    absolute = [s for s in sensors.sensors if isinstance(s, Gps | Ins)]
+    places = sum(any(_is_within(sensor, k.t_s) for sensor in absolute) for k in keyframes)
     known = sum(distance is not None for distance in _distances_between(keyframes, sensors))
     return max(places, known + (known > 0))
+
+
+def _is_within(sensor: Gps | Ins, time_s: float) -> bool:
+    """Whether a time is between the first and the last that a sensor measures: beyond, it is extrapolated."""
+    first, last = sensor.believed.t_s[[0, -1]]
+    return bool(first <= time_s <= last)
 
 
 def _distances_between(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> list[float | None]:
@@ -211,15 +219,16 @@ _FitMethod = Callable[[Sequence[Keyframe], SensorSuite, int], "_Fit | None"]
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A similarity world_from_map, and the root mean squares before and after it [m]."""
+    """A similarity world_from_map, the root mean squares before and after it, and that of noise alone [m]."""
 
     similarity: Similarity
     before_m: float
     after_m: float
+    noise_m: float
 
     @property
     def drifted(self) -> bool:
-        return self.after_m < _DRIFT_RATIO * self.before_m
+        return self.before_m > self.noise_m and self.after_m < _DRIFT_RATIO * self.before_m
 
 
 def _registration_method(sensors: SensorSuite, methods: Mapping[type, _FitMethod]) -> _FitMethod | None:
@@ -237,9 +246,14 @@ def _fit_by_method(
         return None
 
 
-def _fit(registered: Registration, before_m: FloatArray) -> _Fit:
+def _fit(registered: Registration, before_m: FloatArray, noise_m: float) -> _Fit:
     """Fit of a registration; `before_m` (n,) are the residuals before it, of positions or of steps."""
-    return _Fit(registered.similarity, float(np.sqrt(np.mean(before_m**2))), registered.rmse_m)
+    return _Fit(registered.similarity, float(np.sqrt(np.mean(before_m**2))), registered.rmse_m, noise_m)
+
+
+def _noise_m(sigma_m: float | None) -> float:
+    """Distance of a place from a measured one by noise of a σ along each axis, root mean square [m]."""
+    return math.sqrt(3) * (sigma_m or 0.0)
 
 
 def _fit_by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
@@ -250,7 +264,8 @@ def _fit_by_poses(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: i
     registered = register_by_poses(seen, measured, len(pairs))
     if registered.relative_sigma > _RELATIVE_SIGMA:
         return None
-    return _fit(registered, np.linalg.norm(seen[:, :, 3] - measured[:, :, 3], axis=1))
+    before_m = np.linalg.norm(seen[:, :, 3] - measured[:, :, 3], axis=1)
+    return _fit(registered, before_m, _noise_m(sensors.of_type(Ins)[0].sigma_m))
 
 
 def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewest: int) -> _Fit | None:
@@ -258,7 +273,7 @@ def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewes
     gps = sensors.of_type(Gps)[0]
     rotation = np.eye(3)
     for _ in range(_ROUNDS):
-        at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes]
+        at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes if _is_within(gps, k.t_s)]
         pairs = [(seen, centre) for seen, centre in at if centre is not None]
         if len(pairs) < fewest:
             return None
@@ -267,7 +282,8 @@ def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewes
         if registered.relative_sigma > _RELATIVE_SIGMA:
             return None
         rotation = registered.similarity.rotation
-    return _fit(registered, np.linalg.norm(seen[:, :, 3] - centres, axis=1))
+    before_m = np.linalg.norm(seen[:, :, 3] - centres, axis=1)
+    return _fit(registered, before_m, _noise_m(gps.likely_sigma_m))
 
 
 def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, count: int) -> _Fit | None:
@@ -282,7 +298,7 @@ def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, cou
         return None
     poses = np.stack([k.pose for k in last])
     registered = register_by_distances(poses, distances, count)
-    return _fit(registered, np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances)
+    return _fit(registered, np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances, 0.0)
 
 
 # The best first.

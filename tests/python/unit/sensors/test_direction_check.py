@@ -22,13 +22,16 @@ def nodding(t_s: np.ndarray, strength_rad: float) -> np.ndarray:
     return 10.0 * np.column_stack([np.ones_like(t_s), strength_rad * side, strength_rad * up])
 
 
-def seen(strength_rad: float, seed: int = 0, misaligned_rad: float = 0.0) -> list[Turn]:
+def seen(
+    strength_rad: float, seed: int = 0, misaligned_rad: float = 0.0, noise_rad: float = NOISE_RAD
+) -> list[Turn]:
     """What images a tenth of a second apart tell, with noise and every tenth step wrong."""
     rng = np.random.default_rng(seed)
     start = np.arange(0.0, 10.0, 0.1)
     body = nodding(start + 0.05, strength_rad)
     tilted = body @ MOUNTING.camera_from_body.T @ so3.exp(misaligned_rad * np.array([0.6, 0.8, 0.0])).T
-    noisy = tilted / 10.0 + rng.normal(0.0, NOISE_RAD, tilted.shape)
+    # Steps share the noise of the image between them.
+    noisy = tilted / 10.0 + np.diff(rng.normal(0.0, noise_rad / np.sqrt(2), (len(tilted) + 1, 3)), axis=0)
     noisy[::10, 0] += 0.3
     directions = noisy / np.linalg.norm(noisy, axis=1, keepdims=True)
     covariance = NOISE_RAD**2 * np.diag([1.0, 1.0, 0.0])
@@ -52,6 +55,13 @@ def test_stamps_that_are_off_are_named_with_their_offset(late_s: float) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_correct_stamps_are_not(strength_rad: float, seed: int) -> None:
     assert not check_directions(odometer(strength_rad, 0.0), MOUNTING, seen(strength_rad, seed)).is_off
+
+
+@pytest.mark.parametrize("seed", [0, 1, 43])
+def test_directions_that_are_off_by_ten_degrees_tell_no_clock(seed: int) -> None:
+    """Steps of a slow drone, whose images claim the noise of pixels alone."""
+    vague = seen(0.003, seed, noise_rad=np.radians(10.0))
+    assert not check_directions(odometer(0.003, 0.0), MOUNTING, vague).is_off
 
 
 def test_a_body_that_goes_straight_tells_no_clock() -> None:

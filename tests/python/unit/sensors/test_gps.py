@@ -17,7 +17,7 @@ from sfmcpp.sensors import (
     position_at,
     smoothed_positions,
 )
-from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M, doubt_of_radians, middle_of
+from sfmcpp.sensors.gps import FLATTENING, SEMI_MAJOR_AXIS_M, doubt_of_radians, middle_of, position_sigma
 
 SEMI_MINOR_AXIS_M = 6_356_752.314245  # NIMA TR8350.2, table 3.3
 
@@ -97,6 +97,17 @@ def test_positions_between_fixes_lie_on_the_line_and_go_on_after_the_last() -> N
     np.testing.assert_allclose(position_at(stream, 1.25), [10, 5, 0])
     np.testing.assert_allclose(position_at(stream, 2.5), [10, 30, 0])
     assert position_at(stream, 8.0) is None
+
+
+def test_positions_between_fixes_far_apart_and_beyond_them_are_less_certain() -> None:
+    stream = SensorStream(np.array([0.0, 0.1, 0.2, 4.2]), np.zeros((4, 3)), "position", max_gap_s=5.0)
+    assert position_sigma(stream, 0.05, 1.0) == pytest.approx(1.0, abs=1e-5)
+    # Four seconds of a straight line beside one bent by 1 m/s².
+    assert position_sigma(stream, 2.2, 1.0) == pytest.approx(np.hypot(1.0, 2.0))
+    # The velocity of the first two positions, for two seconds before them.
+    assert position_sigma(stream, -2.0, 1.0) == pytest.approx(np.hypot(np.hypot(20, 21), 2.1))
+    assert position_sigma(stream, 2.2, None) is None
+    assert position_sigma(stream.only(stream.t_s < 0.1), 0.5, 1.0) == 1.0
 
 
 def test_the_180th_meridian_is_a_place_like_any_other() -> None:

@@ -84,6 +84,33 @@ def test_a_wrong_unit_or_axis_is_no_bias(factor: float) -> None:
         assert find_bias(replace(stream, values=factor * stream.values), MOUNTING, turns(count)) is None
 
 
+# Pairs of images that are each off by as much as a small bias turns the camera in a step.
+MANY, NOISE_RAD = 64, 0.002
+LASTING = gyro(seconds=30.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_many_pairs_show_a_bias_that_hides_in_the_noise_of_each(seed: int) -> None:
+    small = np.radians([0.2, -0.4, 0.4])
+    stream = replace(LASTING, values=LASTING.values + small)
+    found = find_bias(stream, MOUNTING, turns(MANY, NOISE_RAD, seed))
+    assert found is not None
+    assert np.linalg.norm(found - small) < np.radians(0.2)
+    assert find_bias(LASTING, MOUNTING, turns(MANY, NOISE_RAD, seed)) is None
+
+
+@pytest.mark.parametrize("wrong", ["late", "early", "reversed", "rad as deg"])
+def test_many_pairs_do_not_take_another_fault_for_a_bias(wrong: str) -> None:
+    stream = {
+        "late": LASTING.shifted(0.5),
+        "early": LASTING.shifted(-0.5),
+        "reversed": replace(LASTING, values=-LASTING.values),
+        "rad as deg": replace(LASTING, values=LASTING.values / 57.3),
+    }[wrong]
+    for count in range(32, MANY + 1, 4):
+        assert find_bias(stream, MOUNTING, turns(count, NOISE_RAD)) is None
+
+
 def test_few_turns_tell_none() -> None:
     assert find_bias(biased(), MOUNTING, turns(6)) is not None
     assert find_bias(biased(), MOUNTING, turns(5)) is None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model.sensor_stream import SENSOR_KINDS
+from sfmcpp.model.sensor_stream import SENSOR_KINDS, Gap
 from sfmcpp.sensors import (
     SensorStream,
     describe_coverage,
@@ -244,3 +244,8 @@ def test_a_local_median_is_that_of_the_rows_about_each(shape: tuple[int, ...], r
 def test_stamps_in_nanoseconds_raise_no_warning_of_numpy() -> None:
     stamps = 1.6e18 + 1e8 * np.arange(5)  # a second later is the same number
     assert len(SensorStream(stamps, 0.01 * np.arange(5.0), "distance")) == 5
+
+
+def test_a_gap_from_a_little_before_zero_begins_at_zero() -> None:
+    assert str(Gap(-1e-9, 0.05)) == "0.050 s from 0.000 to 0.050 s"
+    assert str(Gap(-0.5, 1.0)) == "1.500 s from -0.500 to 1.000 s"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, SensorStream
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
-from sfmcpp.slam.registration import Correction, correction
+from sfmcpp.slam.registration import Correction, correction, registration
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import tracks_of_kitti
@@ -106,6 +107,19 @@ def test_positions_that_are_missing_leave_the_map_in_its_own_world() -> None:
     assert len(result.poses) == scene.num_cameras
 
 
+def test_keyframes_before_the_first_position_do_not_bring_the_map_into_its_world() -> None:
+    """On a straight line through the first two positions they would be where no camera was."""
+    gps = gps_of(bent().cameras, 0.05)
+    world = run_slam(sequence_of(bent())).world
+    assert world is not None
+    settings = SlamSettings()
+    for late, brought in ((3, False), (settings.registration_keyframes + 2, True)):
+        since_s = world.keyframes[-late].t_s
+        some = gps.stream.only(gps.stream.t_s >= since_s)
+        suite = SensorSuite([replace(gps, stream=replace(some, max_gap_s=60.0))])
+        assert (registration(world, suite, settings) is not None) == brought
+
+
 DRIFT = Similarity(1.15, so3.exp(np.array([0.0, 0.05, 0.0])), np.array([0.3, 0.0, -0.5]))
 
 
@@ -117,6 +131,18 @@ def test_keyframes_that_have_drifted_are_moved_back_and_their_points_with_them(k
     for keyframe, pose in zip(world.keyframes, before, strict=True):
         np.testing.assert_allclose(keyframe.pose, pose, atol=0.02)
     assert found.first == len(before) - SlamSettings().registration_keyframes
+
+
+@pytest.mark.parametrize("kind", ["gps", "ins"])
+def test_keyframes_within_the_noise_of_positions_have_not_drifted_from_them(kind: str) -> None:
+    cameras, settings = bent().cameras, SlamSettings()
+    exact = gps_of(cameras, 1e-4) if kind == "gps" else ins_of(cameras, 1e-4, 1e-5)
+    world = run_slam(sequence_of(bent()), settings, [exact]).world
+    assert world is not None
+    first = len(world.keyframes) - settings.registration_keyframes
+    world.move_recent(first, Similarity(1.0, np.eye(3), np.array([0.5, 0.0, -0.5])))
+    assert correction(world, SensorSuite([replace(exact, sigma_m=1.0)]), settings) is None
+    assert correction(world, SensorSuite([replace(exact, sigma_m=0.1)]), settings) is not None
 
 
 def test_an_odometer_gives_drifted_keyframes_their_scale_back_where_that_is_asked_for() -> None:
