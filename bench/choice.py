@@ -18,12 +18,14 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scaling.one_run import status_bytes
+from scaling.other_shapes import problem_of
 
 import sfmcpp
 from sfmcpp.ba import LINEAR_SOLVERS
@@ -53,6 +55,22 @@ def scene(
     return make
 
 
+# Shapes that nothing was chosen on, for reporting alone.
+OTHERS = (
+    ("survey", 300, "own"),
+    ("survey", 300, "one"),
+    ("survey", 1500, "own"),
+    ("survey", 1500, "one"),
+    ("scan", 150, "one"),
+    ("scan", 300, "own"),
+    ("scan", 600, "one"),
+    ("room", 300, "one"),
+    ("room", 1000, "one"),
+    ("square", 200, "own"),
+    ("square", 1000, "own"),
+    ("square", 2500, "own"),
+)
+
 # Name and seed: rates are fitted to odd seeds.
 SHAPES: dict[str, tuple[int, Callable[[], Problem]]] = {
     f"{name}{cameras}-{seed}": (seed, scene(name, cameras, points, seed))
@@ -69,6 +87,9 @@ SHAPES: dict[str, tuple[int, Callable[[], Problem]]] = {
         ("city-blocks", 500, 30000),
     )
     for seed in (1, 2)
+} | {
+    f"{name}{images}-{lenses}": (2, partial(problem_of, name, images, lenses))
+    for name, images, lenses in OTHERS
 }
 
 
