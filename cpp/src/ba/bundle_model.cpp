@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "sfmcpp/cameras/visit_camera.hpp"
-#include "sfmcpp/core/error.hpp"
 #include "world_motions.hpp"
 
 namespace sfmcpp::ba {

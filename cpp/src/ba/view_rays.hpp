@@ -7,7 +7,6 @@
 
 #include "sfmcpp/ba/image_residuals.hpp"
 #include "sfmcpp/cameras/matrix34.hpp"
-#include "sfmcpp/cameras/visit_camera.hpp"
 
 namespace sfmcpp::ba {
 
