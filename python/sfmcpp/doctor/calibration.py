@@ -14,6 +14,7 @@ from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import Trial, adjusted, redundancy
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
+from sfmcpp.geometry.significance import mad_sigma
 from sfmcpp.model import Problem, camera_model
 from sfmcpp.model.arrays import FloatArray, IndexArray
 
@@ -310,4 +311,4 @@ def _flatness_px(problem: Problem) -> float:
     rays = problem.points[problem.point_index[rows]] - problem.centres[problem.camera_index[rows]]
     distance = float(np.median(np.linalg.norm(rays, axis=1)))
     focal = float(np.median(pinhole_rows(problem.intrinsics)[:, 0]))
-    return float(np.median(np.abs(offsets @ normal)) * 1.4826 / distance * focal)
+    return mad_sigma(offsets @ normal) / distance * focal

@@ -18,11 +18,11 @@ from sfmcpp.geometry._degenerate_pairs import (
 )
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry._poselib import RansacOptions, relative_camera
-from sfmcpp.geometry._significance import chance_near_line, least_significant
 from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
 from sfmcpp.geometry.pose_estimate import unknown_camera
 from sfmcpp.geometry.relative_pose import ambiguity_message, best_and_rivals, is_open
 from sfmcpp.geometry.rotation_fit import angles_rad
+from sfmcpp.geometry.significance import chance_near_line, least_significant
 from sfmcpp.geometry.two_view_matrices import (
     fundamental_linear,
     significant_fundamental,
