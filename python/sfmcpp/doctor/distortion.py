@@ -6,12 +6,12 @@ It comes before focal lengths and principal points, which take up a part of it w
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from sfmcpp.doctor.calibration import (
     adjusted_with_free_calibration,
+    as_perspective,
     is_significant,
     radii_px,
 )
@@ -55,12 +55,9 @@ def _may_be_tested(problem: Problem) -> bool:
 
 
 def _with_free_distortion(problem: Problem) -> Problem:
-    intrinsics = np.zeros((len(problem.intrinsics), len(_NAMES)))
-    intrinsics[:, : problem.intrinsics.shape[1]] = problem.intrinsics
-    fixed = np.ones(intrinsics.shape, dtype=np.bool_)
-    fixed[:, : problem.fixed_intrinsics.shape[1]] = problem.fixed_intrinsics
-    fixed[:, _K1] = False
-    return replace(problem, camera_model="perspective", intrinsics=intrinsics, fixed_intrinsics=fixed)
+    problem = as_perspective(problem)
+    problem.fixed_intrinsics[:, _K1] = False
+    return problem
 
 
 def _focal_explains_more(case: Case, good: Problem, freed: Trial) -> bool:
