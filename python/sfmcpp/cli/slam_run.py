@@ -43,8 +43,8 @@ def run_slam_files(
     opening: dict[str, Any],
     checkpoints: Checkpoints,
     *,
-    view: bool = False,
-    quiet: bool = False,
+    view: bool,
+    quiet: bool,
 ) -> ExitCode:
     """Read, run, write, print. What can be checked is checked before the run.
 
