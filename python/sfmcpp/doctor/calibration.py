@@ -15,8 +15,9 @@ from sfmcpp.doctor.trial import Trial, adjusted, redundancy
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.significance import mad_sigma
-from sfmcpp.model import Problem, camera_model
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
+from sfmcpp.model.camera_models import PERSPECTIVE
 
 # Larger errors do not come from a lens that is merely simplified (no distortion, a centred principal point).
 FOCAL_OFF, CENTRE_OFF = 0.1, 0.1
@@ -33,7 +34,6 @@ _HALF = 1 / 2
 _MOST = 0.5
 # Terms of a lens stand in for each other: what one leaves open another takes up.
 _LENS = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
-_NAMES = camera_model("perspective").intrinsics
 # Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
 RIDGE = 1e-12
 
@@ -106,13 +106,13 @@ def _with_free_calibration(problem: Problem) -> Problem:
         camera_model="perspective",
         intrinsics=rows,
         intrinsics_index=index.reshape(-1)[problem.intrinsics_index].astype(np.int32),
-        fixed_intrinsics=np.tile([name not in ("f", "cx", "cy") for name in _NAMES], (len(rows), 1)),
+        fixed_intrinsics=np.tile([name not in ("f", "cx", "cy") for name in PERSPECTIVE], (len(rows), 1)),
     )
 
 
 def as_perspective(problem: Problem) -> Problem:
     """A calibrated or perspective problem with all columns of perspective cameras; new ones are 0, held."""
-    shape, given = (len(problem.intrinsics), len(_NAMES)), problem.intrinsics.shape[1]
+    shape, given = (len(problem.intrinsics), len(PERSPECTIVE)), problem.intrinsics.shape[1]
     intrinsics, fixed = np.zeros(shape), np.ones(shape, dtype=np.bool_)
     intrinsics[:, :given], fixed[:, :given] = problem.intrinsics, problem.fixed_intrinsics
     return replace(problem, camera_model="perspective", intrinsics=intrinsics, fixed_intrinsics=fixed)

@@ -18,15 +18,14 @@ from sfmcpp.doctor.calibration import (
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.trial import Trial, adjusted
-from sfmcpp.model import Problem, camera_model
-from sfmcpp.model.camera_models import is_pinhole
+from sfmcpp.model import Problem
+from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 
 # Part of the squared error by which it must fall: that of lenses of a few tenths of a pixel falls by less.
 _NOTABLE = 0.1
 # Part of the image's radius that pixels at the border must move by for a scene to bend much.
 _BENDS = 0.02
-_NAMES = camera_model("perspective").intrinsics
-_F, _K1 = _NAMES.index("f"), _NAMES.index("k1")
+_F, _K1 = PERSPECTIVE.index("f"), PERSPECTIVE.index("k1")
 
 
 def distortion(case: Case) -> Iterator[Finding]:

@@ -12,16 +12,15 @@ from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.calibration import RIDGE, as_perspective, radii_px, with_free_sensors
 from sfmcpp.doctor.trial import Trial, adjusted, redundancy
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Problem, camera_model
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
-from sfmcpp.model.camera_models import is_pinhole
+from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 
 if TYPE_CHECKING:
     from sfmcpp.doctor.case import Case
 
-NAMES = camera_model("perspective").intrinsics
 TESTED = ("f", "aspect", "cx", "cy", "k1")
-_F, _ASPECT, _CX, _CY, _K1 = (NAMES.index(name) for name in TESTED)
+_F, _ASPECT, _CX, _CY, _K1 = (PERSPECTIVE.index(name) for name in TESTED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,7 @@ def _held_columns(problem: Problem) -> IndexArray:
     """Columns of TESTED that are held for all cameras that observe."""
     rows = np.unique(problem.intrinsics_index[problem.camera_index])
     fixed = as_perspective(problem).fixed_intrinsics[rows]
-    return np.array([k for k in map(NAMES.index, TESTED) if fixed[:, k].all()], dtype=np.int32)
+    return np.array([k for k in map(PERSPECTIVE.index, TESTED) if fixed[:, k].all()], dtype=np.int32)
 
 
 def _with_free(problem: Problem, columns: IndexArray) -> Problem:
@@ -112,8 +111,8 @@ def _with_free(problem: Problem, columns: IndexArray) -> Problem:
     rows, index = np.unique(both, axis=0, return_inverse=True)
     return replace(
         problem,
-        intrinsics=rows[:, : len(NAMES)].copy(),
-        fixed_intrinsics=rows[:, len(NAMES) :] != 0,
+        intrinsics=rows[:, : len(PERSPECTIVE)].copy(),
+        fixed_intrinsics=rows[:, len(PERSPECTIVE) :] != 0,
         intrinsics_index=index.reshape(-1)[problem.intrinsics_index].astype(np.int32),
     )
 
@@ -125,7 +124,7 @@ def _with_sigmas(case: Case, given: Trial, freed: Trial, columns: IndexArray) ->
     cameras = seen[first].astype(np.int32)
     # Sensors are looked at by themselves.
     model = LinearModel(with_free_sensors(problem), case.constraints, SolveOptions(gauge="fixed"), RIDGE)
-    places = [model.parameter_names.index(NAMES[k]) for k in columns]
+    places = [model.parameter_names.index(PERSPECTIVE[k]) for k in columns]
     blocks = np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, places]
     variance = case.squared_error(freed) / redundancy(problem, blocks.size)
     scale = variance / case.stated_sigma_px**2

@@ -21,6 +21,8 @@ _LARGEST_CHANCE = 0.5
 _LOG_EXPECTED = math.log(1e-3)
 # Standard deviation of Gaussian noise over the median of its absolute values.
 SIGMA_OF_MEDIAN = 1.4826
+# Median length of a normal deviate of two coordinates, σ = 1.
+MEDIAN_LENGTH = math.sqrt(2 * math.log(2.0))
 # A right number may be beyond a limit so rarely, where it is few numbers that tell how they scatter.
 _RARELY = 3e-4
 

@@ -14,8 +14,9 @@ from sfmcpp.geometry.significance import mad_sigma
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.adjustment import ROUGH
-from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras
+from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve

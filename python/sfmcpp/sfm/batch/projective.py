@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import SolveOptions, adjust, projection_matrices, projective_problem
 from sfmcpp.ba.projective import matrices_to_frames, matrices_to_pixels
+from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_positive, require_seed
@@ -28,8 +29,6 @@ from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 OUTLIER_SIGMAS = 5.0
 # Observations off by less are none, however small the noise is [px].
 _LEAST_LIMIT_PX = 0.5
-# Median length of a normal deviate of two coordinates, σ = 1.
-_MEDIAN_LENGTH = float(np.sqrt(2 * np.log(2.0)))
 # What an image must see to stay: so many kept observations, and that share of the plausible ones.
 _LEAST_SEEN, _LEAST_SHARE = 10, 0.3
 _MAX_ROUNDS, _SETTLED = 10, 2e-3
@@ -222,7 +221,7 @@ def initial_world(
     usual = float(np.median(error[plausible & np.isfinite(error)]))
     limit = max(_FIRST_LIMIT * plan.max_error_px, OUTLIER_SIGMAS * usual)
     points, kept = triangulate_without_outliers(measured, cameras, plausible, limit)
-    return ProjectiveWorld(cameras, points, kept, usual / _MEDIAN_LENGTH)
+    return ProjectiveWorld(cameras, points, kept, usual / MEDIAN_LENGTH)
 
 
 def adjusted_until_settled(
@@ -307,7 +306,7 @@ def _sigma_px(measured: Measurements, world: ProjectiveWorld) -> float:
     equations = 2 * len(error)
     unknowns = 3 * len(np.unique(measured.track[world.kept])) + 11 * int(world.known.sum())
     left = max(equations - unknowns, 1) / equations
-    return float(np.median(error) / _MEDIAN_LENGTH / np.sqrt(left))
+    return float(np.median(error) / MEDIAN_LENGTH / np.sqrt(left))
 
 
 def _seen_by_known(measured: Measurements, cameras: FloatArray) -> BoolArray:

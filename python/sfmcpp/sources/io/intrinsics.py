@@ -14,10 +14,10 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.pinhole import PINHOLE, to_normalised, to_pixels, undistorted_pixels
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, largest_of_each
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.problem import Problem
 from sfmcpp.sources.io.checks import LARGEST_COUNT, require_image_sizes, require_metadata_length
 
-PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
 # If the search for the ray of a pixel ends farther from it, there is none.
 _FOUND_PX = 0.5
