@@ -105,7 +105,7 @@ void ExplicitSchurSolver::form() {
 
 void ExplicitSchurSolver::form_row(int i, int worker, AlignedVector<double>& row) {
   const long size = normal_.map().camera_size, area = size * size;
-  row.resize(static_cast<std::size_t>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) * area);
+  row.resize(pattern_.columns_of_row(i).size() * area);
   schur_rows_.form(i, worker, row.data(), row.data() + area, rhs_.data() + size * i);
   if (normal_.exchange().is_root())
     add_camera_terms(i, schur_rows_.block_of_camera(worker), row.data() + area);

@@ -88,9 +88,9 @@ constexpr double kMostOfSums = 0.15;
 int most_blocks_of_camera(const CameraPattern& pattern) {
   std::vector<int> count(pattern.num_rows(), 0);
   for (int i = 0; i < pattern.num_rows(); ++i) {
-    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k) {
+    for (int j : pattern.columns_of_row(i)) {
       ++count[i];
-      ++count[pattern.column[k]];
+      ++count[j];
     }
   }
   return count.empty() ? 0 : *std::ranges::max_element(count);
@@ -101,8 +101,7 @@ std::vector<char> cameras_of(const CameraPattern& pattern, const CameraPartition
   std::vector<char> result(pattern.num_rows(), 0);
   for (int i = 0; i < pattern.num_rows(); ++i) {
     if (!partition.is_own(i)) continue;
-    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k)
-      result[pattern.column[k]] = 1;
+    for (int j : pattern.columns_of_row(i)) result[j] = 1;
   }
   return result;
 }
@@ -190,7 +189,7 @@ void BlockSparseSchur::gather(CameraBlockDiagonal& diagonal, std::vector<double>
 }
 
 void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal) {
-  const auto num_blocks = static_cast<long>(columns_of_row(i).size());
+  const auto num_blocks = static_cast<long>(columns_behind(i).size());
   AlignedVector<double>& row = rows_[worker];
   row.resize(static_cast<std::size_t>(area() * num_blocks));
   schur_rows_.form(i, worker, diagonal.camera_block(i), row.data(), diagonal.camera_rhs(i));
@@ -198,7 +197,7 @@ void BlockSparseSchur::form_row(int i, int worker, CameraBlockDiagonal& diagonal
   for (long k = 0; k < num_blocks; ++k)
     kernels_.round(row.data() + area() * k,
                    schur_rows_.grid().inverse_of_camera(i),
-                   schur_rows_.grid().inverse_of_camera(columns_of_row(i)[k]),
+                   schur_rows_.grid().inverse_of_camera(columns_behind(i)[k]),
                    rounded + area() * k);
 }
 
@@ -249,7 +248,7 @@ void BlockSparseSchur::multiply_rows(const RowTask& task) {
   double* sums = sums_.data() + task.first;
   std::fill_n(sums, static_cast<long>(normal_.map().camera_size) * (task.reach - task.begin), 0.0);
   for (int i = task.begin; i < task.end; ++i) {
-    const std::span<const int> columns = columns_of_row(i);
+    const std::span<const int> columns = columns_behind(i);
     kernels_.add_row(static_cast<int>(columns.size()),
                      blocks_of_row(i),
                      columns.data(),

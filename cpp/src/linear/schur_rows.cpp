@@ -15,9 +15,7 @@ constexpr std::size_t kPairsOfPart = 16384;
 
 // Numbers of the blocks of row i by their second camera; the first, (i, i), has `first`.
 void number_blocks(const CameraPattern& pattern, int i, int first, std::vector<int>& of_camera) {
-  const long begin = pattern.row_begin[i];
-  for (long block = begin; block < pattern.row_begin[i + 1]; ++block)
-    of_camera[pattern.column[block]] = first + static_cast<int>(block - begin);
+  for (int j : pattern.columns_of_row(i)) of_camera[j] = first++;
 }
 
 // Calls f(b) for the observations of the point of observation a in later cameras.
@@ -133,7 +131,7 @@ void SchurRows::lift(int i, double sign, double* blocks) const {
   const int size = normal_.map().camera_size;
   const double* of_row = grid_->of_camera(i);
   for (int k = 0; k < num_blocks_behind(i); ++k, blocks += static_cast<long>(size) * size) {
-    const double* of_column = grid_->of_camera(columns_behind(i)[k]);
+    const double* of_column = grid_->of_camera(pattern_.columns_behind(i)[k]);
     for (int r = 0; r < size; ++r) {
       for (int c = 0; c < size; ++c)
         blocks[panel_index(size, r, c)] += sign * 1.5 * of_row[r] * of_column[c];
@@ -142,7 +140,7 @@ void SchurRows::lift(int i, double sign, double* blocks) const {
 }
 
 int SchurRows::num_blocks_behind(int i) const {
-  return static_cast<int>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) - 1;
+  return static_cast<int>(pattern_.columns_behind(i).size());
 }
 
 void SchurRows::add_kept_pairs(int i, Scratch& scratch, double* blocks) const {
@@ -200,7 +198,7 @@ void SchurRows::add_pairs(int i, PairSums sums, Scratch& scratch) const {
   if (grid_) {
     sums.grid = grid_->powers();
     sums.grid_of_row = grid_->of_camera(i);
-    sums.columns = columns_behind(i);
+    sums.columns = pattern_.columns_behind(i).data();
   }
   sums.point = normal_.graph().point.data();
   sums.jacobian = normal_.jacobian();

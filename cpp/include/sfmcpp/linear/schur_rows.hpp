@@ -64,9 +64,6 @@ class SchurRows {
   };
 
   int num_blocks_behind(int i) const;
-  const int* columns_behind(int i) const {
-    return pattern_.column.data() + pattern_.row_begin[i] + 1;
-  }
   void add_row(int i, const Scratch& scratch, double* blocks) const;
   void lift(int i, double sign, double* blocks) const;
   void add_kept_pairs(int i, Scratch& scratch, double* blocks) const;
