@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/cameras/camera_concept.hpp"
 #include "sfmcpp/cameras/matrix34.hpp"
 
 namespace sfmcpp::ba {
