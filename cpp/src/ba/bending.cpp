@@ -9,7 +9,7 @@
 namespace sfmcpp::ba {
 namespace {
 
-using ChunkNumbers = std::array<double, linear::kChunkSize + residuals::kReadAhead>;
+using ChunkNumbers = std::array<double, linear::kChunkSize + kReadAhead>;
 
 }  // namespace
 

@@ -5,7 +5,6 @@
 #include <cmath>
 
 #include "sfmcpp/cameras/visit_camera.hpp"
-#include "sfmcpp/core/error.hpp"
 #include "world_motions.hpp"
 
 namespace sfmcpp::ba {
@@ -89,8 +88,7 @@ void BundleModel::let_scale_fall(const State& start, double least) {
 
 void BundleModel::make_room_for_weights() {
   if (images_.is_robust())
-    weights_.assign(static_cast<std::size_t>(graph_.num_observations()) + residuals::kReadAhead,
-                    1.0);
+    weights_.assign(static_cast<std::size_t>(graph_.num_observations()) + kReadAhead, 1.0);
 }
 
 bool BundleModel::moves_intrinsics_far(const State& start, const State& candidate) const {

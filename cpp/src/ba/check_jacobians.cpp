@@ -18,7 +18,6 @@ namespace sfmcpp::ba {
 namespace {
 
 using linear::kMaxCameraSize;
-using residuals::kReadAhead;
 
 constexpr std::array<const char*, 6> kPoseNames{
     "rotation x", "rotation y", "rotation z", "centre x", "centre y", "centre z"};

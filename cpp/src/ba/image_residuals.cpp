@@ -9,7 +9,6 @@ namespace {
 
 using linear::Chunk;
 using optim::State;
-using residuals::kReadAhead;
 
 // Residuals of a chunk.
 struct ChunkResiduals {

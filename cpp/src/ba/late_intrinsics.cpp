@@ -1,6 +1,5 @@
 #include "sfmcpp/ba/late_intrinsics.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 #include "sfmcpp/cameras/camera_model.hpp"

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "sfmcpp/cameras/camera_model.hpp"
-#include "sfmcpp/linear/point_elimination.hpp"
+#include "sfmcpp/cameras/visit_camera.hpp"
 #include "view_rays.hpp"
 
 namespace sfmcpp::ba {

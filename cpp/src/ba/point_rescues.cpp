@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "sfmcpp/cameras/visit_camera.hpp"
 #include "view_rays.hpp"
 
 namespace sfmcpp::ba {

@@ -6,8 +6,8 @@
 #include <Eigen/Dense>
 
 #include "sfmcpp/ba/image_residuals.hpp"
+#include "sfmcpp/cameras/camera_concept.hpp"
 #include "sfmcpp/cameras/matrix34.hpp"
-#include "sfmcpp/cameras/visit_camera.hpp"
 
 namespace sfmcpp::ba {
 

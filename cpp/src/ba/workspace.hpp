@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "sfmcpp/ba/bundle_model.hpp"
-#include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/ba/solve_options.hpp"
 #include "sfmcpp/ba/world_frame.hpp"
 
 namespace sfmcpp::ba {

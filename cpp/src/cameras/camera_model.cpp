@@ -1,7 +1,5 @@
 #include "sfmcpp/cameras/camera_model.hpp"
 
-#include <string>
-
 #include "sfmcpp/cameras/visit_camera.hpp"
 #include "sfmcpp/core/error.hpp"
 

@@ -189,7 +189,7 @@ void CoarseSpace::add_row(int i, const std::vector<double>& diagonal, const Sums
   add(i, schur_.diagonal_block(i));
   normal_.camera_terms().for_each_block(i, add);
   const float* block = schur_.blocks_of_row(i);
-  for (int j : schur_.columns_of_row(i)) {
+  for (int j : schur_.columns_behind(i)) {
     add_product(
         j,
         [&](int r, int c) {

@@ -28,17 +28,12 @@ Structure of_own_rows(const CameraPartition& partition, const Structure& structu
   const CameraPattern& whole = structure->pattern;
   CameraPattern own{.row_begin = {0}, .column = {}};
   for (int i = 0; i < whole.num_rows(); ++i) {
-    const auto row = whole.column.begin() + whole.row_begin[i];
-    const auto end = partition.is_own(i) ? whole.column.begin() + whole.row_begin[i + 1] : row + 1;
-    own.column.insert(own.column.end(), row, end);
+    const std::span<const int> row = whole.columns_of_row(i);
+    own.column.insert(
+        own.column.end(), row.begin(), partition.is_own(i) ? row.end() : row.begin() + 1);
     own.row_begin.push_back(static_cast<long>(own.column.size()));
   }
   return std::make_shared<ReducedStructure>(ReducedStructure{.pattern = std::move(own)});
-}
-
-std::span<const int> behind_diagonal(const CameraPattern& pattern, int i) {
-  return {pattern.column.data() + pattern.row_begin[i] + 1,
-          pattern.column.data() + pattern.row_begin[i + 1]};
 }
 
 void add(const double* from, long count, double* to) {
@@ -86,7 +81,7 @@ std::vector<double> DistributedSchurRows::numbers_on_their_way() const {
   std::vector<double> numbers(normal_.graph().num_cameras, 0.0);
   for (int i = 0; i < normal_.graph().num_cameras; ++i) {
     if (is_sent(i))
-      numbers[i] = static_cast<double>(numbers_of(behind_diagonal(here_->pattern, i).size()));
+      numbers[i] = static_cast<double>(numbers_of(here_->pattern.columns_behind(i).size()));
   }
   return numbers;
 }
@@ -128,7 +123,7 @@ void DistributedSchurRows::send_headers() {
   for (int to = 0; to < ranks; ++to) {
     for (int i = 0; i < normal_.graph().num_cameras; ++i) {
       if (!is_sent(i) || partition_.owner(i) != to) continue;
-      const std::span<const int> columns = behind_diagonal(here_->pattern, i);
+      const std::span<const int> columns = here_->pattern.columns_behind(i);
       headers.push_back(i);
       headers.push_back(static_cast<double>(columns.size()));
       headers.insert(headers.end(), columns.begin(), columns.end());
@@ -181,7 +176,7 @@ void DistributedSchurRows::form(std::span<const int> cameras,
 
 void DistributedSchurRows::form_with_received(int i, const SchurRows::Place& place, int worker) {
   const auto [diagonal, blocks, rhs] = place;
-  const std::span<const int> columns = behind_diagonal(pattern(), i);
+  const std::span<const int> columns = pattern().columns_behind(i);
   std::fill_n(blocks, size() * size() * static_cast<long>(columns.size()), 0.0);
   if (!partition_.is_own(i)) {
     std::fill_n(diagonal, size() * size(), 0.0);
@@ -196,7 +191,7 @@ void DistributedSchurRows::form_with_received(int i, const SchurRows::Place& pla
           size() * size(),
           blocks + size() * size() * number[of[k]]);
   };
-  const std::span<const int> here = behind_diagonal(here_->pattern, i);
+  const std::span<const int> here = here_->pattern.columns_behind(i);
   AlignedVector<double>& part = parts_[worker];
   part.resize(static_cast<std::size_t>(size() * size()) * here.size());
   form_here(i, {diagonal, part.data(), rhs}, worker);

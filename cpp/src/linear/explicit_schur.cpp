@@ -119,7 +119,7 @@ void ExplicitSchurSolver::form_rows(int begin,
   std::array<SchurRows::Place, SchurRows::kMostRows> places;
   for (int i = begin; i < end; ++i) {
     AlignedVector<double>& row = rows[i - begin];
-    row.resize(static_cast<std::size_t>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) * area);
+    row.resize(pattern_.columns_of_row(i).size() * area);
     cameras[i - begin] = i;
     places[i - begin] = {row.data(), row.data() + area, rhs_.data() + size * i};
   }

@@ -27,7 +27,7 @@ std::vector<double> work_of_cameras(const NormalEquations& normal,
   std::vector<double> work(pattern.num_rows());
   for (int i = 0; i < pattern.num_rows(); ++i) {
     const int cluster = clusters.of_camera[i];
-    work[i] = static_cast<double>(pattern.row_begin[i + 1] - pattern.row_begin[i]) +
+    work[i] = static_cast<double>(pattern.columns_of_row(i).size()) +
               (clusters.begin[cluster + 1] - clusters.begin[cluster]);
   }
   return work;

@@ -3,7 +3,6 @@
 #include <functional>
 #include <memory>
 #include <optional>
-#include <vector>
 
 #include "schur_operator.hpp"
 #include "schur_preconditioner.hpp"

@@ -3,10 +3,10 @@
 #include <algorithm>
 #include <numeric>
 
+#include "sfmcpp/core/isa.hpp"
+
 namespace sfmcpp::linear {
 namespace {
-
-constexpr int kReadAhead = 8;
 
 // begin[k] = how many keys are smaller than k, for k up to and including the number of buckets.
 template <class Begins>

@@ -209,9 +209,9 @@ void ReducedSolver::sum_over(Exchange& ranks) {
 std::vector<ReducedSolver::Couple> ReducedSolver::find_couples() const {
   std::vector<Couple> couples;
   for (int i = 0; i < pattern_.num_rows(); ++i) {
-    for (long k = pattern_.row_begin[i]; k < pattern_.row_begin[i + 1]; ++k) {
+    for (int j : pattern_.columns_of_row(i)) {
       for (const Segment& a : segments_of(i)) {
-        for (const Segment& b : segments_of(pattern_.column[k])) {
+        for (const Segment& b : segments_of(j)) {
           const bool a_is_later = position(a.block) >= position(b.block);
           couples.push_back(a_is_later ? Couple{a.block, b.block} : Couple{b.block, a.block});
         }

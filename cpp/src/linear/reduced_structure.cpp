@@ -230,9 +230,9 @@ BlockGraph make_block_graph(const CameraPattern& pattern, const ParameterMap& ma
   std::vector<std::vector<int>> blocks(pattern.num_rows());
   for (int i = 0; i < pattern.num_rows(); ++i) blocks[i] = blocks_of_camera(map, i);
   for (int i = 0; i < pattern.num_rows(); ++i) {
-    for (long block = pattern.row_begin[i]; block < pattern.row_begin[i + 1]; ++block) {
+    for (int j : pattern.columns_of_row(i)) {
       for (int a : blocks[i]) {
-        for (int b : blocks[pattern.column[block]]) {
+        for (int b : blocks[j]) {
           if (a != b) graph.edges.emplace_back(std::min(a, b), std::max(a, b));
         }
       }

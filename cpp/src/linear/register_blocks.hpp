@@ -3,7 +3,6 @@
 // linkage (core/isa.hpp).
 #pragma once
 
-#include "sfmcpp/core/compensated_sum.hpp"
 #include "sfmcpp/core/simd.hpp"
 #include "sfmcpp/linear/block_layout.hpp"
 

@@ -89,9 +89,9 @@ constexpr double kMostOfSums = 0.15;
 int most_blocks_of_camera(const CameraPattern& pattern) {
   std::vector<int> count(pattern.num_rows(), 0);
   for (int i = 0; i < pattern.num_rows(); ++i) {
-    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k) {
+    for (int j : pattern.columns_of_row(i)) {
       ++count[i];
-      ++count[pattern.column[k]];
+      ++count[j];
     }
   }
   return count.empty() ? 0 : *std::ranges::max_element(count);
@@ -102,8 +102,7 @@ std::vector<char> cameras_of(const CameraPattern& pattern, const CameraPartition
   std::vector<char> result(pattern.num_rows(), 0);
   for (int i = 0; i < pattern.num_rows(); ++i) {
     if (!partition.is_own(i)) continue;
-    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k)
-      result[pattern.column[k]] = 1;
+    for (int j : pattern.columns_of_row(i)) result[j] = 1;
   }
   return result;
 }
@@ -200,7 +199,7 @@ void BlockSparseSchur::form_rows(std::span<const int> cameras,
   std::array<SchurRows::Place, SchurRows::kMostRows> places;
   for (std::size_t k = 0; k < cameras.size(); ++k) {
     const int i = cameras[k];
-    rows[k].resize(static_cast<std::size_t>(area()) * columns_of_row(i).size());
+    rows[k].resize(static_cast<std::size_t>(area()) * columns_behind(i).size());
     places[k] = {diagonal.camera_block(i), rows[k].data(), diagonal.camera_rhs(i)};
   }
   schur_rows_.form(cameras, {places.data(), cameras.size()}, worker);
@@ -209,7 +208,7 @@ void BlockSparseSchur::form_rows(std::span<const int> cameras,
 
 void BlockSparseSchur::round_row(int i, const double* row) {
   float* rounded = blocks_.data() + first_of_row(i);
-  for (const int j : columns_of_row(i)) {
+  for (const int j : columns_behind(i)) {
     kernels_.round(row,
                    schur_rows_.grid().inverse_of_camera(i),
                    schur_rows_.grid().inverse_of_camera(j),
@@ -266,7 +265,7 @@ void BlockSparseSchur::multiply_rows(const RowTask& task) {
   double* sums = sums_.data() + task.first;
   std::fill_n(sums, static_cast<long>(normal_.map().camera_size) * (task.reach - task.begin), 0.0);
   for (int i = task.begin; i < task.end; ++i) {
-    const std::span<const int> columns = columns_of_row(i);
+    const std::span<const int> columns = columns_behind(i);
     kernels_.add_row(static_cast<int>(columns.size()),
                      blocks_of_row(i),
                      columns.data(),

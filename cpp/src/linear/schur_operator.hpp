@@ -66,10 +66,7 @@ class BlockSparseSchur final : public SchurOperator {
   // their rows and columns.
   const float* blocks_of_row(int i) const { return blocks_.data() + first_of_row(i); }
   const double* powers(int i) const { return schur_rows_.grid().of_camera(i); }
-  std::span<const int> columns_of_row(int i) const {
-    return {pattern_.column.data() + pattern_.row_begin[i] + 1,
-            pattern_.column.data() + pattern_.row_begin[i + 1]};
-  }
+  std::span<const int> columns_behind(int i) const { return pattern_.columns_behind(i); }
 
  private:
   // Rows of the upper half that one task multiplies, and the cameras that they reach.

@@ -70,7 +70,7 @@ void ClusterBlocks::assemble(int k,
     add_block(
         i, i, [&](int r, int c) { return diagonal_block[place_[size * r + c]]; }, lower);
     const float* block = schur_.blocks_of_row(i);
-    for (int j : schur_.columns_of_row(i)) {
+    for (int j : schur_.columns_behind(i)) {
       const auto value = [&](int r, int c) {
         return block[place_[size * c + r]] * schur_.powers(i)[r] * schur_.powers(j)[c];
       };

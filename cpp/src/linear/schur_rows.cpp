@@ -15,9 +15,7 @@ constexpr std::size_t kPairsOfPart = 32768;
 
 // Numbers of the blocks of row i by their second camera; the first, (i, i), has `first`.
 void number_blocks(const CameraPattern& pattern, int i, int first, std::vector<int>& of_camera) {
-  const long begin = pattern.row_begin[i];
-  for (long block = begin; block < pattern.row_begin[i + 1]; ++block)
-    of_camera[pattern.column[block]] = first + static_cast<int>(block - begin);
+  for (int j : pattern.columns_of_row(i)) of_camera[j] = first++;
 }
 
 // Calls f(b) for the observations of the point of observation a in later cameras.
@@ -147,7 +145,7 @@ void SchurRows::lift(const Row& row, double sign) const {
   double* blocks = row.blocks;
   for (int k = 0; k < num_blocks_behind(row.camera);
        ++k, blocks += static_cast<long>(size) * size) {
-    const double* of_column = grid_->of_camera(columns_behind(row.camera)[k]);
+    const double* of_column = grid_->of_camera(pattern_.columns_behind(row.camera)[k]);
     for (int r = 0; r < size; ++r) {
       for (int c = 0; c < size; ++c)
         blocks[panel_index(size, r, c)] += sign * 1.5 * of_row[r] * of_column[c];
@@ -156,7 +154,7 @@ void SchurRows::lift(const Row& row, double sign) const {
 }
 
 int SchurRows::num_blocks_behind(int i) const {
-  return static_cast<int>(pattern_.row_begin[i + 1] - pattern_.row_begin[i]) - 1;
+  return static_cast<int>(pattern_.columns_behind(i).size());
 }
 
 void SchurRows::add_kept_pairs(Scratch& scratch) const {
@@ -170,7 +168,7 @@ void SchurRows::add_kept_pairs(Scratch& scratch) const {
   scratch.sums_of_blocks.clear();
   for (int k = 0; k < count; ++k)
     scratch.sums_of_blocks.push_back({.row = 0,
-                                      .column = columns_behind(i)[k],
+                                      .column = pattern_.columns_behind(i)[k],
                                       .end = begin[k + 1] - begin[0],
                                       .sum = row.blocks + area * k});
   sum_pairs(pairs_.pairs() + begin[0], scratch);
@@ -192,7 +190,7 @@ void SchurRows::number_columns(int num_rows, Scratch& scratch) const {
   scratch.columns.clear();
   for (int k = 0; k < num_rows; ++k) {
     const int i = scratch.rows[k].camera;
-    for (const int j : std::span(columns_behind(i), num_blocks_behind(i))) {
+    for (const int j : pattern_.columns_behind(i)) {
       if (scratch.number_of_column[j] >= 0) continue;
       scratch.number_of_column[j] = static_cast<int>(scratch.columns.size());
       scratch.columns.push_back(j);

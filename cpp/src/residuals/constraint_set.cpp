@@ -4,8 +4,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "sfmcpp/cameras/pose.hpp"
-
 namespace sfmcpp::residuals {
 namespace {
 

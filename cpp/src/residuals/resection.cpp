@@ -1,7 +1,6 @@
 #include "sfmcpp/residuals/resection.hpp"
 
 #include <numeric>
-#include <string>
 #include <vector>
 
 #include "sfmcpp/core/isa.hpp"

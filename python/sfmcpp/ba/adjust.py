@@ -105,8 +105,8 @@ def adjust_on_ranks(
     options: SolveOptions,
     callback: Callback | None,
     ranks: Ranks,
-    checkpoint: CheckpointStore | None = None,
-    resume: CheckpointStore | None = None,
+    checkpoint: CheckpointStore | None,
+    resume: CheckpointStore | None,
 ) -> Summary:
     """Adjust a problem together with other processes; each calls this.
 
@@ -118,11 +118,11 @@ def adjust_on_ranks(
         All groups, the same on every rank.
     options : SolveOptions
         All options, the same on every rank but for `threads`.
-    callback : callable, optional
+    callback : callable or None
         As of :func:`adjust`, of this rank; what it raises is raised on all.
     ranks : Ranks
         The processes.
-    checkpoint, resume : CheckpointStore, optional
+    checkpoint, resume : CheckpointStore or None
         As of :func:`adjust`; each rank has its own in it.
 
     Returns

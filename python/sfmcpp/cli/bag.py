@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfmcpp.cli.choices import Quiet
 from sfmcpp.cli.console import ExitCode, print_note, print_result, with_exit_code
 from sfmcpp.errors import InvalidArgument
 
@@ -35,7 +36,6 @@ Topics = Annotated[
 NoCamera = Annotated[
     bool, typer.Option("--no-camera", help="Leave out the calibration (CameraInfo) beside the images.")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors.")]
 
 
 @with_exit_code

@@ -16,6 +16,10 @@ from sfmcpp.cli.flags import flag_of
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+OutputFolder = Annotated[
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Output folder, created if missing.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors.")]
 Checkpoint = Annotated[
     Path | None,
     typer.Option(metavar="DIR", help="Folder to save checkpoints in, to resume from later."),

@@ -48,10 +48,10 @@ _OPEN_IMAGES = "transforms, openmvg and alicevision"
 def convert_file(
     source: Path,
     target: Path,
-    parts: int | None = None,
-    format: str | None = None,
-    images: Path | None = None,
-    times: Path | None = None,
+    parts: int | None,
+    format: str | None,
+    images: Path | None,
+    times: Path | None,
 ) -> ExitCode:
     """Write the problem of a file to another, or to a folder of so many parts.
 

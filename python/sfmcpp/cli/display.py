@@ -46,7 +46,7 @@ def print_summary(
     summary: Summary,
     seconds_read: float,
     targets: Targets,
-    georeferenced: Iterable[Row] = (),
+    georeferenced: Iterable[Row],
 ) -> None:
     """Print what was solved, how it ended, where the world is and what was written."""
     rows = [*_size(source, size), *_result(summary), *georeferenced, *_method_text(summary, seconds_read)]

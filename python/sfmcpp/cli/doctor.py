@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sfmcpp.cli.choices import Quiet
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.interrupts import stoppable
 
@@ -35,7 +36,6 @@ Solve = Annotated[
     ),
 ]
 Report = Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report as JSON.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors.")]
 
 
 @with_exit_code

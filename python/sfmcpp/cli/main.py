@@ -17,7 +17,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 2 bad usage or bad input, 3 numerical failure, 130 interrupted by Ctrl-C, SIGTERM or SIGHUP.
+        0 done, 2 bad usage or bad input, 3 no result of input that was read, 130 interrupted by Ctrl-C,
+        SIGTERM or SIGHUP.
     """
     try:
         from sfmcpp.cli.dispatch import dispatch

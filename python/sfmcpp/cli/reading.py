@@ -53,9 +53,9 @@ def _other_command(source: Path) -> str:
     return ""
 
 
-def note_changed(problem: Problem, target: Path, format: Format | None = None) -> None:
+def note_changed(problem: Problem, target: Path, format: Format) -> None:
     """Tell what a file that was written has in another form."""
-    for line in changed_on_writing(problem, target, format or format_of(target)):
+    for line in changed_on_writing(problem, target, format):
         print_note(f"note: {target}: {line}")
 
 

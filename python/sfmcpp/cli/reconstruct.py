@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import choice_option
+from sfmcpp.cli.choices import OutputFolder, choice_option
 from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
@@ -57,9 +57,6 @@ Source = Annotated[
         help="A folder of photos; a COLMAP database with keypoints and matches; or tracks: VGG (.xy), text, "
         "NPZ, BAL, or a COLMAP model (only its observations are used).",
     ),
-]
-Output = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Output folder, created if missing.")
 ]
 Method = Annotated[str, choice_option(METHODS, "Reconstruction method")]
 Camera = Annotated[
@@ -116,7 +113,7 @@ Threads = Annotated[
 @with_exit_code
 def reconstruct(
     source: Source,
-    output: Output,
+    output: OutputFolder,
     method: Method = "incremental",
     camera: Camera = "auto",
     camera_model: Model = "auto",

@@ -18,7 +18,7 @@ from sfmcpp.sfm.outcome import NO_MODEL
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.study import SfmReport
 from sfmcpp.study.pages.sfm_page import VIEW
-from sfmcpp.study.sfm_files import FILES, MODEL, PAGE
+from sfmcpp.study.sfm_files import FILES, PAGE
 
 # What an interrupted run has done, for `--resume`; in the folder of the results.
 CACHE = "cache"
@@ -44,7 +44,7 @@ def run_reconstruction(
     InvalidArgument
         If an option asks for what there is not.
     """
-    require_results_folder(folder, FILES, MODEL)
+    require_results_folder(folder, FILES)
     if not source.exists():
         raise DatasetError(source, "no such file or directory")
     positions = options["gps"] if isinstance(options["gps"], Path) else None

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import Checkpoint, CheckpointEvery, Resume, choice_option, completion_of
+from sfmcpp.cli.choices import Checkpoint, CheckpointEvery, OutputFolder, Resume, choice_option, completion_of
 from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_stream import SENSORS
@@ -118,9 +118,6 @@ Stereo = Annotated[
     bool,
     typer.Option("--stereo", help="Also use the right images of a KITTI drive; gives metric scale."),
 ]
-Output = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Output folder, created if missing.")
-]
 Sensors = Annotated[
     list[str] | None,
     typer.Option("--sensor", metavar="NAME", callback=lambda names: _known_sensors(names or []),
@@ -198,7 +195,7 @@ Final = Annotated[
 @with_exit_code
 def slam(
     source: Source,
-    output: Output,
+    output: OutputFolder,
     sensor: Sensors = None,
     sensor_file: SensorFiles = None,
     sensor_column: SensorColumns = None,

@@ -22,6 +22,7 @@ from sfmcpp.cli.console import (
     progress_is_seen,
     stderr_console,
 )
+from sfmcpp.cli.display import REFRESHES_PER_SECOND
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.targets import require_results_folder, writable_folder
 from sfmcpp.errors import InvalidArgument
@@ -29,7 +30,6 @@ from sfmcpp.slam import SlamResult
 from sfmcpp.sources.drives import open_drive
 from sfmcpp.study.slam_report import SlamReport, require_pictures
 
-REFRESHES_PER_SECOND = 8.0
 _POLL_S = 0.1
 
 # Called as ``show(frame, result, last=False)`` after each frame.
@@ -43,8 +43,8 @@ def run_slam_files(
     opening: dict[str, Any],
     checkpoints: Checkpoints,
     *,
-    view: bool = False,
-    quiet: bool = False,
+    view: bool,
+    quiet: bool,
 ) -> ExitCode:
     """Read, run, write, print. What can be checked is checked before the run.
 
@@ -56,9 +56,9 @@ def run_slam_files(
         If an option asks for what there is not.
     """
     require_pictures(folder)
-    from sfmcpp.study.slam_files import FILES, MODEL  # which draws pictures
+    from sfmcpp.study.slam_files import FILES  # which draws pictures
 
-    require_results_folder(folder, FILES, MODEL)
+    require_results_folder(folder, FILES)
     checkpoints.check(quiet=quiet)
     drive = open_drive(source, **opening)
     count = len(drive.frames)

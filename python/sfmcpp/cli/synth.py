@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from sfmcpp.cli.choices import completion_of, look_of_names
+from sfmcpp.cli.choices import Quiet, completion_of, look_of_names
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
@@ -62,7 +62,6 @@ FocalSigma = Annotated[
     float, typer.Option(metavar="SHARE", help="Noise of the logarithm of free focal lengths, at least 0.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Random seed of scene and noise.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print only errors.")]
 
 
 def two_numbers(text: str | None) -> tuple[float, float] | None:

@@ -183,9 +183,11 @@ def _try_to_write(problem: Problem, path: Path, folder: Path) -> None:
         raise DatasetError(path, error.reason) from error
 
 
-def require_results_folder(folder: Path, files: Iterable[str], model: str) -> None:
-    """Raise a DatasetError if `folder` or its `model` cannot be a folder, or one of its `files` is one."""
-    for path in (folder, folder / model):
+def require_results_folder(folder: Path, files: Iterable[str]) -> None:
+    """Raise a DatasetError if `folder` or that of its model cannot be one, or one of its `files` is one."""
+    from sfmcpp.study.report_files import MODEL
+
+    for path in (folder, folder / MODEL):
         require_folder(path)
     for name in files:
         require_regular_file(folder / name)

@@ -14,8 +14,10 @@ from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import Trial, adjusted, redundancy
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
-from sfmcpp.model import Problem, camera_model
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.geometry.significance import mad_sigma
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
+from sfmcpp.model.camera_models import PERSPECTIVE
 
 # Larger errors do not come from a lens that is merely simplified (no distortion, a centred principal point).
 FOCAL_OFF, CENTRE_OFF = 0.1, 0.1
@@ -98,17 +100,22 @@ def _may_be_tested(problem: Problem) -> bool:
 
 def _with_free_calibration(problem: Problem) -> Problem:
     """The problem with f, cx and cy free, one row for all cameras that were given the same numbers."""
-    names = camera_model("perspective").intrinsics
-    rows, index = np.unique(problem.intrinsics, axis=0, return_inverse=True)
-    intrinsics = np.zeros((len(rows), len(names)))
-    intrinsics[:, : rows.shape[1]] = rows
+    rows, index = np.unique(as_perspective(problem).intrinsics, axis=0, return_inverse=True)
     return replace(
         problem,
         camera_model="perspective",
-        intrinsics=intrinsics,
+        intrinsics=rows,
         intrinsics_index=index.reshape(-1)[problem.intrinsics_index].astype(np.int32),
-        fixed_intrinsics=np.tile([name not in ("f", "cx", "cy") for name in names], (len(rows), 1)),
+        fixed_intrinsics=np.tile([name not in ("f", "cx", "cy") for name in PERSPECTIVE], (len(rows), 1)),
     )
+
+
+def as_perspective(problem: Problem) -> Problem:
+    """A calibrated or perspective problem with all columns of perspective cameras; new ones are 0, held."""
+    shape, given = (len(problem.intrinsics), len(PERSPECTIVE)), problem.intrinsics.shape[1]
+    intrinsics, fixed = np.zeros(shape), np.ones(shape, dtype=np.bool_)
+    intrinsics[:, :given], fixed[:, :given] = problem.intrinsics, problem.fixed_intrinsics
+    return replace(problem, camera_model="perspective", intrinsics=intrinsics, fixed_intrinsics=fixed)
 
 
 def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
@@ -251,17 +258,14 @@ def _chosen_cameras(problem: Problem) -> IndexArray:
 def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:
     """(C, D) how far a parameter moves that observation of the camera that it moves most, per unit."""
     by_camera, _ = model.blocks()
-    moved = np.linalg.norm(by_camera, axis=1)
-    largest = np.zeros((problem.num_cameras, moved.shape[1]))
-    np.maximum.at(largest, problem.camera_index, moved)
-    return largest
+    return largest_of_each(problem.camera_index, np.linalg.norm(by_camera, axis=1), problem.num_cameras)
 
 
 def radii_px(problem: Problem) -> FloatArray:
     """(C,) distance of the farthest observation of each camera from the principal point, or 1 [px]."""
     centres = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 2:4]
-    radii = np.zeros(problem.num_cameras)
-    np.maximum.at(radii, problem.camera_index, np.linalg.norm(problem.pixels - centres, axis=1))
+    distances = np.linalg.norm(problem.pixels - centres, axis=1)
+    radii = largest_of_each(problem.camera_index, distances, problem.num_cameras)
     radii[radii == 0] = 1.0
     return radii
 
@@ -310,4 +314,4 @@ def _flatness_px(problem: Problem) -> float:
     rays = problem.points[problem.point_index[rows]] - problem.centres[problem.camera_index[rows]]
     distance = float(np.median(np.linalg.norm(rays, axis=1)))
     focal = float(np.median(pinhole_rows(problem.intrinsics)[:, 0]))
-    return float(np.median(np.abs(offsets @ normal)) * 1.4826 / distance * focal)
+    return mad_sigma(offsets @ normal) / distance * focal

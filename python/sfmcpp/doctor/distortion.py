@@ -6,27 +6,26 @@ It comes before focal lengths and principal points, which take up a part of it w
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from sfmcpp.doctor.calibration import (
     adjusted_with_free_calibration,
+    as_perspective,
     is_significant,
     radii_px,
 )
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.trial import Trial, adjusted
-from sfmcpp.model import Problem, camera_model
-from sfmcpp.model.camera_models import is_pinhole
+from sfmcpp.model import Problem
+from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 
 # Part of the squared error by which it must fall: that of lenses of a few tenths of a pixel falls by less.
 _NOTABLE = 0.1
 # Part of the image's radius that pixels at the border must move by for a scene to bend much.
 _BENDS = 0.02
-_NAMES = camera_model("perspective").intrinsics
-_F, _K1 = _NAMES.index("f"), _NAMES.index("k1")
+_F, _K1 = PERSPECTIVE.index("f"), PERSPECTIVE.index("k1")
 
 
 def distortion(case: Case) -> Iterator[Finding]:
@@ -55,12 +54,9 @@ def _may_be_tested(problem: Problem) -> bool:
 
 
 def _with_free_distortion(problem: Problem) -> Problem:
-    intrinsics = np.zeros((len(problem.intrinsics), len(_NAMES)))
-    intrinsics[:, : problem.intrinsics.shape[1]] = problem.intrinsics
-    fixed = np.ones(intrinsics.shape, dtype=np.bool_)
-    fixed[:, : problem.fixed_intrinsics.shape[1]] = problem.fixed_intrinsics
-    fixed[:, _K1] = False
-    return replace(problem, camera_model="perspective", intrinsics=intrinsics, fixed_intrinsics=fixed)
+    problem = as_perspective(problem)
+    problem.fixed_intrinsics[:, _K1] = False
+    return problem
 
 
 def _focal_explains_more(case: Case, good: Problem, freed: Trial) -> bool:

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.calibration import RIDGE, radii_px, with_free_sensors
+from sfmcpp.doctor.calibration import RIDGE, as_perspective, radii_px, with_free_sensors
 from sfmcpp.doctor.trial import Trial, adjusted, redundancy
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.model import Problem, camera_model
-from sfmcpp.model.arrays import FloatArray, IndexArray
-from sfmcpp.model.camera_models import is_pinhole
+from sfmcpp.model import Problem
+from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
+from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 
 if TYPE_CHECKING:
     from sfmcpp.doctor.case import Case
 
-NAMES = camera_model("perspective").intrinsics
 TESTED = ("f", "aspect", "cx", "cy", "k1")
-_F, _ASPECT, _CX, _CY, _K1 = (NAMES.index(name) for name in TESTED)
+_F, _ASPECT, _CX, _CY, _K1 = (PERSPECTIVE.index(name) for name in TESTED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ class FreedIntrinsics:
     @cached_property
     def before(self) -> FloatArray:
         """(k, n) values they were held at."""
-        held = _padded(self.given.problem)
+        held = as_perspective(self.given.problem).intrinsics
         return np.asarray(held[self.given.problem.intrinsics_index[self.cameras]][:, self.columns])
 
     @cached_property
@@ -67,8 +66,7 @@ class FreedIntrinsics:
     def moved(self) -> FloatArray:
         """(k, n) part of the image's radius by which the change of each moves pixels at the border."""
         problem = self.freed.problem
-        radius = np.zeros(len(problem.intrinsics))
-        np.maximum.at(radius, problem.intrinsics_index, radii_px(problem))
+        radius = largest_of_each(problem.intrinsics_index, radii_px(problem), len(problem.intrinsics))
         radii, focals = radius[self.rows], problem.intrinsics[self.rows, _F]
         by_unit = {_F: 1 / focals, _ASPECT: 1.0, _CX: 1 / radii, _CY: 1 / radii, _K1: (radii / focals) ** 2}
         scale = np.stack([np.broadcast_to(by_unit[int(c)], radii.shape) for c in self.columns], axis=1)
@@ -101,29 +99,20 @@ def _may_be_tested(problem: Problem) -> bool:
 def _held_columns(problem: Problem) -> IndexArray:
     """Columns of TESTED that are held for all cameras that observe."""
     rows = np.unique(problem.intrinsics_index[problem.camera_index])
-    fixed = np.ones((len(rows), len(NAMES)), dtype=np.bool_)
-    fixed[:, : problem.fixed_intrinsics.shape[1]] = problem.fixed_intrinsics[rows]
-    return np.array([k for k in map(NAMES.index, TESTED) if fixed[:, k].all()], dtype=np.int32)
-
-
-def _padded(problem: Problem) -> FloatArray:
-    padded = np.zeros((len(problem.intrinsics), len(NAMES)))
-    padded[:, : problem.intrinsics.shape[1]] = problem.intrinsics
-    return padded
+    fixed = as_perspective(problem).fixed_intrinsics[rows]
+    return np.array([k for k in map(PERSPECTIVE.index, TESTED) if fixed[:, k].all()], dtype=np.int32)
 
 
 def _with_free(problem: Problem, columns: IndexArray) -> Problem:
     """The problem with these columns free, too; rows of the same numbers and freedom become one."""
-    fixed = np.ones((len(problem.intrinsics), len(NAMES)), dtype=np.bool_)
-    fixed[:, : problem.fixed_intrinsics.shape[1]] = problem.fixed_intrinsics
-    fixed[:, columns] = False
-    both = np.concatenate([_padded(problem), fixed], axis=1)
+    problem = as_perspective(problem)
+    problem.fixed_intrinsics[:, columns] = False
+    both = np.concatenate([problem.intrinsics, problem.fixed_intrinsics], axis=1)
     rows, index = np.unique(both, axis=0, return_inverse=True)
     return replace(
         problem,
-        camera_model="perspective",
-        intrinsics=rows[:, : len(NAMES)].copy(),
-        fixed_intrinsics=rows[:, len(NAMES) :] != 0,
+        intrinsics=rows[:, : len(PERSPECTIVE)].copy(),
+        fixed_intrinsics=rows[:, len(PERSPECTIVE) :] != 0,
         intrinsics_index=index.reshape(-1)[problem.intrinsics_index].astype(np.int32),
     )
 
@@ -135,7 +124,7 @@ def _with_sigmas(case: Case, given: Trial, freed: Trial, columns: IndexArray) ->
     cameras = seen[first].astype(np.int32)
     # Sensors are looked at by themselves.
     model = LinearModel(with_free_sensors(problem), case.constraints, SolveOptions(gauge="fixed"), RIDGE)
-    places = [model.parameter_names.index(NAMES[k]) for k in columns]
+    places = [model.parameter_names.index(PERSPECTIVE[k]) for k in columns]
     blocks = np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, places]
     variance = case.squared_error(freed) / redundancy(problem, blocks.size)
     scale = variance / case.stated_sigma_px**2

@@ -8,8 +8,9 @@ import numpy as np
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.freed_intrinsics import NAMES, FreedIntrinsics
+from sfmcpp.doctor.freed_intrinsics import FreedIntrinsics
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 
 # So many standard deviations do not come about by chance, even where they are too small by a factor.
 _SIGMAS = 5.0
@@ -17,7 +18,7 @@ _SIGMAS = 5.0
 # from the larger part on the scene is notably bent. A principal point is mostly taken up by rotations.
 _LEAST, _BENDS, _FAR_CENTRE = 0.003, 0.02, 0.05
 _CENTRE = ("cx", "cy")
-_F, _K1 = NAMES.index("f"), NAMES.index("k1")
+_F, _K1 = PERSPECTIVE.index("f"), PERSPECTIVE.index("k1")
 _CODES = {
     "f": "wrong-focal",
     "aspect": "wrong-aspect",
@@ -66,7 +67,7 @@ def _together(freed: FreedIntrinsics, wrong: BoolArray) -> list[list[int]]:
 
     A wrong distortion alone: what the others are estimated as depends on what is free of the lens.
     """
-    names = [NAMES[k] for k in freed.columns]
+    names = [PERSPECTIVE[k] for k in freed.columns]
     if "k1" in names and wrong[:, names.index("k1")].any():
         return [[names.index("k1")]]
     alone = [[k] for k, name in enumerate(names) if name not in _CENTRE]
@@ -78,7 +79,7 @@ def _finding(case: Case, freed: FreedIntrinsics, wrong: BoolArray, places: list[
     rows = wrong[:, places].any(axis=1)
     moved = np.where(wrong[:, places], freed.moved[:, places], 0.0).max(axis=1)
     worst = int(np.argmax(moved))
-    name = NAMES[freed.columns[places[0]]]
+    name = PERSPECTIVE[freed.columns[places[0]]]
     before, after, sigma = (table[worst, places] for table in (freed.before, freed.after, freed.sigmas))
     concerned = np.isin(freed.freed.problem.intrinsics_index, freed.rows[rows])
     cameras = () if rows.all() else tuple(int(k) for k in np.flatnonzero(concerned))
@@ -126,4 +127,4 @@ def _refined(freed: FreedIntrinsics, wrong: BoolArray) -> str:
     if chosen[_K1]:
         chosen = np.zeros_like(chosen)
         chosen[[_F, _K1]] = True
-    return ",".join(np.array(NAMES)[chosen])
+    return ",".join(np.array(PERSPECTIVE)[chosen])

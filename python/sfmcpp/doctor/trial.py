@@ -10,6 +10,7 @@ import numpy as np
 from sfmcpp.ba import SolveOptions, Summary, adjust, residuals
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.point_tests import reprojection_errors_px
+from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.names import Loss
@@ -24,8 +25,6 @@ TOLERANCE = 1e-4
 GROSS, NOTABLE_SHARE = 10.0, 0.01
 # What a loss keeps must be a good part of all, and fit twice as well as by another, to be believed.
 _LEAST_SHARE, _TWICE = 0.4, 0.5
-# The median of ‖r‖ of two normal coordinates, in standard deviations: √(2 ln 2).
-_MEDIAN_OF_NORM = np.sqrt(2 * np.log(2))
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Trial:
     @property
     def median_px(self) -> float:
         """Median error [px]."""
-        return float(self.sigma_px * _MEDIAN_OF_NORM)
+        return float(self.sigma_px * MEDIAN_LENGTH)
 
     def gross(self, sigma_px: float) -> BoolArray:
         """(M,) observations off by more than ten standard deviations, as stated or as found."""
@@ -72,7 +71,7 @@ def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "
         return str(error)
     errors = _comparable_errors_px(moved)
     kept = _inlier_mask(moved, summary) if loss == "auto" else slice(None)
-    return Trial(moved, errors, float(np.median(errors[kept]) / _MEDIAN_OF_NORM), loss)
+    return Trial(moved, errors, float(np.median(errors[kept]) / MEDIAN_LENGTH), loss)
 
 
 def redundancy(problem: Problem, intrinsics: int = 0) -> int:

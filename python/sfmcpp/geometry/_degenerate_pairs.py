@@ -11,9 +11,9 @@ from sfmcpp.geometry._poselib import (
     homography_by_ransac,
     refined_relative_camera,
 )
-from sfmcpp.geometry._significance import chance_near_line, least_significant
 from sfmcpp.geometry.relative_pose import likely_cameras
 from sfmcpp.geometry.rotation_fit import refit_rotation
+from sfmcpp.geometry.significance import chance_near_line, least_significant
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.geometry.two_view_matrices import (
     FOUR_POINTS,

@@ -9,7 +9,7 @@ from math import comb
 import numpy as np
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.geometry._significance import students_limit
+from sfmcpp.geometry.significance import SIGMA_OF_MEDIAN, students_limit
 from sfmcpp.geometry.similarity import fit_similarity
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
@@ -17,7 +17,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 _MAX_SAMPLES = 1000
 _REFITS = 5
 # Scale from the least median: P. Rousseeuw and A. Leroy, "Robust Regression and Outlier Detection" (1987).
-_SIGMA_OF_MEDIAN, _INLIER_SIGMAS = 1.4826, 2.5
+_INLIER_SIGMAS = 2.5
 # Of so few pairs, the median distance is that of a fit to three: the best of ten says nothing of the others.
 _FEW = 5
 # Differences below this share of the extent are rounding, whatever the others are.
@@ -103,7 +103,7 @@ def _distances(
 
 def _inlier_mask(distances: FloatArray, target: FloatArray) -> BoolArray:
     median = float(np.median(distances))
-    sigma = _SIGMA_OF_MEDIAN * (1 + 5 / max(len(distances) - 3, 1)) * median
+    sigma = SIGMA_OF_MEDIAN * (1 + 5 / max(len(distances) - 3, 1)) * median
     return np.asarray(distances <= max(_INLIER_SIGMAS * sigma, _least_limit(target)))
 
 

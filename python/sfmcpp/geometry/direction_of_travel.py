@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from sfmcpp.geometry import so3
 from sfmcpp.geometry._matches import checked_matches
 from sfmcpp.geometry.epipolar import sampson_terms
+from sfmcpp.geometry.significance import mad_sigma
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 
@@ -79,7 +80,7 @@ def refine_travel(
     for _ in range(_MOST_STEPS):
         across = np.linalg.svd(direction[None])[2][1:].T
         errors, slopes = _linearised((first, second), rotation, direction, across, matches.focal_px)
-        noise = max(1.4826 * float(np.median(np.abs(errors))), _LEAST_NOISE_PX)
+        noise = max(mad_sigma(errors), _LEAST_NOISE_PX)
         weighted = slopes * (1 + (errors / (_LOSS_SIGMAS * noise)) ** 2)[:, None] ** -2
         information = weighted.T @ slopes
         if np.linalg.cond(information) > 1 / _DIFFERENCE**2:

@@ -16,7 +16,7 @@ from sfmcpp.geometry._tracks import (
 )
 from sfmcpp.geometry.point_tests import depths, reprojection_errors_px
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
 from sfmcpp.model.checks import require_positive
 
 Pairs = NDArray[np.intp]
@@ -150,9 +150,8 @@ def _nearest_cosines(problem: Problem, pairs: Pairs) -> FloatArray:
     rays = observed_rays(problem)
     rows, owner = _observations(problem, pairs[:, 0])
     others, of_row = _observations(problem, pairs[owner, 1])
-    nearest = np.full(len(pairs), -1.0)
-    np.maximum.at(nearest, owner[of_row], (rays[rows[of_row]] * rays[others]).sum(axis=1))
-    return nearest
+    cosines = (rays[rows[of_row]] * rays[others]).sum(axis=1)
+    return largest_of_each(owner[of_row], cosines, len(pairs), least=-1.0)
 
 
 def _largest_errors_px(problem: Problem, points: FloatArray, pairs: Pairs) -> FloatArray:
@@ -166,6 +165,4 @@ def _largest_errors_px(problem: Problem, points: FloatArray, pairs: Pairs) -> Fl
         sigma_px=None,
         covariance_px2=None,
     )
-    worst = np.zeros(len(pairs))
-    np.maximum.at(worst, owner, reprojection_errors_px(swapped, points))
-    return worst
+    return largest_of_each(owner, reprojection_errors_px(swapped, points), len(pairs))

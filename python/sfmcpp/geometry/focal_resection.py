@@ -16,10 +16,10 @@ from sfmcpp.geometry._poselib import (
     cameras_of_four_points,
     working_frame,
 )
-from sfmcpp.geometry._significance import samples_needed
 from sfmcpp.geometry.pinhole import intrinsics_row, mean_focal_px, to_normalised
 from sfmcpp.geometry.pose_estimate import PoseEstimate, too_few, unknown_camera
 from sfmcpp.geometry.resection import are_collinear
+from sfmcpp.geometry.significance import samples_needed
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count, require_fraction, require_positive
 

@@ -13,9 +13,10 @@ from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import ANY, FloatArray, as_stored, finite_array
+from sfmcpp.model.camera_models import PERSPECTIVE
 
 PINHOLE = len(camera_model("calibrated").intrinsics)
-_DISTORTED = len(camera_model("perspective").intrinsics)
+_DISTORTED = len(PERSPECTIVE)
 _BAL = len(camera_model("bal").intrinsics)
 
 

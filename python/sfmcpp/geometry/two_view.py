@@ -18,12 +18,13 @@ from sfmcpp.geometry._degenerate_pairs import (
 )
 from sfmcpp.geometry._matches import Matches, checked_matches
 from sfmcpp.geometry._poselib import RansacOptions, relative_camera
-from sfmcpp.geometry._significance import chance_near_line, least_significant
 from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
 from sfmcpp.geometry.pose_estimate import unknown_camera
 from sfmcpp.geometry.relative_pose import ambiguity_message, best_and_rivals, is_open
 from sfmcpp.geometry.rotation_fit import angles_rad
+from sfmcpp.geometry.significance import chance_near_line, least_significant
 from sfmcpp.geometry.two_view_matrices import (
+    EIGHT_POINTS,
     fundamental_linear,
     significant_fundamental,
     significant_homography,
@@ -32,7 +33,7 @@ from sfmcpp.geometry.two_view_matrices import (
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count
 
-_FIVE_POINTS, _EIGHT_POINTS = 5, 8
+_FIVE_POINTS = 5
 _UNKNOWN_CAMERA = np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 # Intrinsics are far off where a fundamental matrix, which needs none, explains this many times the matches
 # that they do.
@@ -135,7 +136,7 @@ def two_view_geometry(
     if intrinsics_1 is None or intrinsics_2 is None:
         intrinsics_1 = intrinsics_2 = _UNKNOWN_CAMERA
     matches = checked_matches(pixels_1, pixels_2, intrinsics_1, intrinsics_2)
-    require_count("min_inliers", min_inliers, _EIGHT_POINTS)
+    require_count("min_inliers", min_inliers, EIGHT_POINTS)
     options = RansacOptions(threshold_px, confidence, max_iterations, seed)
     if len(matches) < min_inliers:
         return _no_geometry(len(matches), f"{len(matches)} matches: must be at least {min_inliers}")
@@ -241,7 +242,7 @@ def _with_uncertain_focal(
 def _are_far_off(matches: Matches, inliers: BoolArray, threshold_px: float) -> bool:
     """Whether a fundamental matrix of the inliers of known intrinsics explains many more matches."""
     count = np.count_nonzero(inliers)
-    if count < _EIGHT_POINTS:
+    if count < EIGHT_POINTS:
         return False
     first, second = matches.pixels_1, matches.pixels_2
     free = fundamental_linear(first[inliers], second[inliers])

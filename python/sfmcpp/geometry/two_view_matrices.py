@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry._poselib import RansacOptions, fundamental_by_ransac, homography_by_ransac
-from sfmcpp.geometry._significance import (
+from sfmcpp.geometry.epipolar import sampson_errors_px
+from sfmcpp.geometry.pinhole import homogeneous, inverse_calibration
+from sfmcpp.geometry.significance import (
     chance_near_line,
     chance_near_point,
     least_significant,
     samples_needed,
 )
-from sfmcpp.geometry.epipolar import sampson_errors_px
-from sfmcpp.geometry.pinhole import homogeneous, inverse_calibration
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.checks import require_count

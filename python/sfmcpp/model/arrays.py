@@ -1,4 +1,4 @@
-"""Validation of array arguments."""
+"""Validation of array arguments, and operations that arrays of indices are used for."""
 
 from __future__ import annotations
 
@@ -177,6 +177,15 @@ def new_numbers(kept: NDArray[Any], count: int) -> IndexArray:
     numbers = np.full(count, -1, dtype=np.int32)
     numbers[kept] = np.arange(len(kept), dtype=np.int32)
     return numbers
+
+
+def largest_of_each(
+    group: NDArray[np.integer[Any]], values: FloatArray, count: int, *, least: float = 0.0
+) -> FloatArray:
+    """(count, …) largest of the values (n, …) of each `group`, numbers (n,) below `count`; or `least`."""
+    largest = np.full((count, *values.shape[1:]), least)
+    np.maximum.at(largest, group, values)
+    return largest
 
 
 def require_increasing(name: str, stamps: FloatArray) -> None:

@@ -63,7 +63,8 @@ CAMERA_MODELS: dict[str, CameraModel] = {
     for m in _core.CAMERA_MODELS
 }
 
-
+# Intrinsic parameters of perspective cameras, in the order they are stored.
+PERSPECTIVE = CAMERA_MODELS["perspective"].intrinsics
 PINHOLE_MODELS = ("calibrated", "perspective", "bal")
 
 

@@ -56,7 +56,7 @@ def results_in_order(
     threads: int,
     *,
     stage: str,
-    progress: Progress = no_progress,
+    progress: Progress,
 ) -> list[Result]:
     """Results of `function` for each task; what it raises, or KeyboardInterrupt if `progress` asks to stop.
 

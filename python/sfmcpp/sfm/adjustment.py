@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, IndexArray
-from sfmcpp.sfm.cameras import PERSPECTIVE
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.stops import heed_stop
 from sfmcpp.weighting import solve

@@ -16,9 +16,10 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, adjusted
-from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras
+from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.settings import IncrementalSettings
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.model import camera_model
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, finite_array
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.checks import looked_up
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.cameras import camera_file, read_camera
@@ -39,7 +39,6 @@ SHARING = ("auto", "one", "folder", "each")
 USUAL_FOCAL = 1.2
 # Focal lengths of lenses, from the widest to the longest, as parts of the longer side of an image.
 _SHORTEST, _LONGEST = 0.1, 100.0
-PERSPECTIVE = camera_model("perspective").intrinsics
 CameraArgument = str | float | PathLike[str] | ArrayLike
 _RULE = (
     "must be 'auto', 'exif', a focal length in pixels, a file (K.txt, calib.txt, YAML, XML), or intrinsics"

@@ -10,11 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from sfmcpp.geometry.significance import mad_sigma
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.adjustment import ROUGH
-from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras
+from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
@@ -24,7 +26,6 @@ _F = PERSPECTIVE.index("f")
 _FEWEST_IMAGES = 4
 # Focal lengths of photos that share one spread by their σ and hardly beyond; those of a zoom by far more.
 _LEAST_SPREAD, _SIGMAS = 0.05, 4.0
-_FROM_MAD = 1.4826
 
 
 def differing_focals(
@@ -74,7 +75,7 @@ def _own_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> 
     summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, **ROUGH)
     focals = problem.intrinsics[chosen, _F]
     shares = focals / np.median(focals)
-    spread = _FROM_MAD * float(np.median(np.abs(np.log(np.maximum(shares, 1e-6)))))
+    spread = mad_sigma(np.log(np.maximum(shares, 1e-6)))
     usual = float(np.median(sigmas[chosen, _F] / focals))
     differ = summary.termination != "interrupted" and spread > max(_LEAST_SPREAD, _SIGMAS * usual)
     return np.asarray(shares) if differ else np.empty(0)

@@ -14,8 +14,9 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.adjustment import FINE, adjust_all, hold_of_few_images
-from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras
+from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sfm.settings import IncrementalSettings
 

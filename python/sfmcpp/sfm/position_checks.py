@@ -15,7 +15,7 @@ import numpy as np
 from sfmcpp.ba.linearize import LinearModel
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
-from sfmcpp.geometry._significance import students_limit
+from sfmcpp.geometry.significance import students_limit
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import natural_order

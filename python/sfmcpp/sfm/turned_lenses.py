@@ -14,7 +14,7 @@ import numpy as np
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, to_normalised, to_pixels, unit
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sfm.cameras import PERSPECTIVE
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 
 # Focal lengths that are tried, in lengths of the longer side, and k1 r² at half of that side.

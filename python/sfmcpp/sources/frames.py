@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.pinhole import PINHOLE, pinhole_rows
-from sfmcpp.model import Trajectory, camera_model
+from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import (
     ANY,
     FloatArray,
@@ -25,6 +25,7 @@ from sfmcpp.model.arrays import (
     require_increasing,
     shaped_array,
 )
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.sources.cameras import file_beside, find_camera, intrinsics_of, read_camera
@@ -36,7 +37,7 @@ from sfmcpp.sources.vision.images import GreyImage
 
 _TRUTH = "poses.txt"
 _DENSE_ENOUGH = 100_000
-_DISTORTED = len(camera_model("perspective").intrinsics)
+_DISTORTED = len(PERSPECTIVE)
 
 CameraArgument = str | PathLike[str] | Sequence[float] | None
 

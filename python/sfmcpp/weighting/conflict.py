@@ -233,9 +233,7 @@ def _sigma_limit(count: int, members: int) -> float:
     return rare * (1 + _MEDIAN_SPREAD / math.sqrt(members))
 
 
-def agreeing_members(
-    group: Group, unit: ConstraintUnit, problem: Problem, sigma: float | None = None
-) -> BoolArray:
+def agreeing_members(group: Group, unit: ConstraintUnit, problem: Problem, sigma: float | None) -> BoolArray:
     """Find the members that chance explains.
 
     Parameters
@@ -246,9 +244,9 @@ def agreeing_members(
         Unit, spread and freedom of its kind.
     problem : Problem
         The state they are judged at.
-    sigma : float, optional
-        Standard deviation of a number of a member of weight one, in the unit. Default: that of which the
-        median member is typical.
+    sigma : float or None
+        Standard deviation of a number of a member of weight one, in the unit. None: that of which the median
+        member is typical.
 
     Returns
     -------

@@ -30,7 +30,7 @@ class ConstraintUnit:
     freedom: int
 
 
-def unit_of(kind: str, points: Sequence[FloatArray] = ()) -> ConstraintUnit:
+def unit_of(kind: str, points: Sequence[FloatArray]) -> ConstraintUnit:
     """Unit, spread and freedom of a kind.
 
     Parameters

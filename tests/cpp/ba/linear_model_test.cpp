@@ -7,6 +7,7 @@
 #include <Eigen/LU>
 #include <gtest/gtest.h>
 
+#include "sfmcpp/ba/solve.hpp"
 #include "support/refusal.hpp"
 #include "support/small_scenes.hpp"
 

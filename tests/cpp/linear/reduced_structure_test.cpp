@@ -64,8 +64,7 @@ Pairs expected_pairs(const Tracks& tracks, const CameraPairs& extra) {
 std::vector<std::pair<int, int>> listed(const CameraPattern& pattern) {
   std::vector<std::pair<int, int>> blocks;
   for (int i = 0; i < pattern.num_rows(); ++i) {
-    for (long k = pattern.row_begin[i]; k < pattern.row_begin[i + 1]; ++k)
-      blocks.emplace_back(i, pattern.column[k]);
+    for (int j : pattern.columns_of_row(i)) blocks.emplace_back(i, j);
   }
   return blocks;
 }

@@ -21,7 +21,6 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
 using residuals::AlgebraicBatch;
-using residuals::kReadAhead;
 using support::RandomBatch;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();

@@ -14,7 +14,6 @@ namespace sfmcpp::bending_kernels_test {
 namespace {
 
 using Eigen::Vector2d;
-using residuals::kReadAhead;
 using support::RandomBatch;
 
 class BendingKernelCase : public testing::TestWithParam<support::KernelCase> {

@@ -19,7 +19,6 @@ namespace {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using residuals::JacobianOutput;
-using residuals::kReadAhead;
 using residuals::ObservationBatch;
 using residuals::ReprojectionKernels;
 using support::RandomBatch;

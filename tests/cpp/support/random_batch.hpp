@@ -18,10 +18,9 @@ struct RandomBatch {
     intrinsics = view_.intrinsics;
     const int num_points = count + 3;
     for (int p = 0; p < num_points; ++p) add_point(p);
-    point.assign(count + residuals::kReadAhead, 0);
+    point.assign(count + kReadAhead, 0);
     for (int k = 0; k < count; ++k) point[k] = (k * 7 + 2) % num_points;
-    for (auto* values : {&u, &v, &inverse_sigma})
-      values->assign(count + residuals::kReadAhead, 1.0);
+    for (auto* values : {&u, &v, &inverse_sigma}) values->assign(count + kReadAhead, 1.0);
     for (int k = 0; k < count; ++k) {
       u[k] = 100.0 + 13.0 * k;
       v[k] = 200.0 - 9.0 * k;

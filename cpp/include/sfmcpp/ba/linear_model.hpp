@@ -20,9 +20,11 @@
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
 
-#include "sfmcpp/ba/solve.hpp"
+#include "sfmcpp/ba/problem.hpp"
+#include "sfmcpp/ba/solve_options.hpp"
 #include "sfmcpp/core/eigen_allocator.hpp"
 #include "sfmcpp/math/decompositions.hpp"
+#include "sfmcpp/optim/state.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
 
 namespace sfmcpp::ba {

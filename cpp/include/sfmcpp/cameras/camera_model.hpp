@@ -13,7 +13,6 @@
 #include <array>
 #include <span>
 #include <string_view>
-#include <utility>
 
 #include "sfmcpp/cameras/camera_function.hpp"
 #include "sfmcpp/core/enum_names.hpp"

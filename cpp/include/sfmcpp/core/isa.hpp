@@ -22,6 +22,9 @@ Isa best_isa();
 // for. Read once. Throws InvalidArgument if it names none.
 Isa active_isa();
 
+// Kernels load whole packs: arrays of observations must be readable this far beyond their end.
+inline constexpr int kReadAhead = 8;
+
 }  // namespace sfmcpp
 
 // Declares a function of the kernels for each instruction set, in a namespace of its own below the

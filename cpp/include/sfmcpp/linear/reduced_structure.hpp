@@ -3,6 +3,7 @@
 // panels of their factor.
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "sfmcpp/core/exchange.hpp"
@@ -23,6 +24,11 @@ struct CameraPattern {
 
   int num_rows() const { return static_cast<int>(row_begin.size()) - 1; }
   long num_blocks() const { return row_begin.back(); }
+  // Cameras of the blocks of a row, the diagonal one first, and of those behind it.
+  std::span<const int> columns_of_row(int i) const {
+    return {column.data() + row_begin[i], column.data() + row_begin[i + 1]};
+  }
+  std::span<const int> columns_behind(int i) const { return columns_of_row(i).subspan(1); }
 };
 
 // A row is the union of the tracks of its camera, as sets of 64 cameras in the bits of a word, and

@@ -90,9 +90,6 @@ class SchurRows {
   };
 
   int num_blocks_behind(int i) const;
-  const int* columns_behind(int i) const {
-    return pattern_.column.data() + pattern_.row_begin[i] + 1;
-  }
   void form_diagonal(int i, const Place& place) const;
   void add_row(const Row& row) const;
   void lift(const Row& row, double sign) const;

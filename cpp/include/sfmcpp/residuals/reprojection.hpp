@@ -8,9 +8,6 @@
 
 namespace sfmcpp::residuals {
 
-// Kernels load whole packs: arrays of observations must be readable this far beyond their end.
-inline constexpr int kReadAhead = 8;
-
 // Consecutive observations of one camera.
 struct ObservationBatch {
   const double* camera;      // 12 numbers

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from sfmcpp.geometry.significance import SIGMA_OF_MEDIAN
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sfm.batch.blocks import Block
 from sfmcpp.sfm.batch.measurements import Indices
@@ -25,7 +26,7 @@ _USUAL = 2.0
 # Scatter of log depths below which it is rounding or luck, and of reprojection [px].
 _LEAST_SCATTER, _LEAST_ERROR_PX = 1e-4, 0.05
 # Standard deviation of a median of n over that of one, times that of one over their median distance.
-_MEDIAN_SIGMA = 1.25 * 1.4826
+_MEDIAN_SIGMA = 1.25 * SIGMA_OF_MEDIAN
 
 
 @dataclass(frozen=True)

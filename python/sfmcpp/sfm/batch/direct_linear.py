@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
 from sfmcpp.sfm.batch.measurements import Indices, Measurements
 
 _LINEAR_ROUNDS, _ROBUST_ROUNDS = 3, 4
@@ -75,8 +75,7 @@ def triangulate_without_outliers(
         new = triangulate(measured, cameras, np.flatnonzero(looked_at), limit_px / 2)
         points[doubtful] = _with_points_in_front(measured, cameras, new, looked_at)[doubtful]
         error = np.where(looked_at, reprojection_errors_px(measured, cameras, points), -1.0)
-        worst = np.zeros(measured.num_tracks)
-        np.maximum.at(worst, measured.track[looked_at], error[looked_at])
+        worst = largest_of_each(measured.track[looked_at], error[looked_at], measured.num_tracks)
         bad = (error > limit_px) & (error >= worst[measured.track])
         current = current & ~bad & ~((error > limit_px) & (number == rounds - 1))
         doubtful = worst > limit_px

@@ -19,6 +19,7 @@ from sfmcpp.geometry import (
 )
 from sfmcpp.geometry.autocalibration import MetricFrame
 from sfmcpp.geometry.duplicate_points import duplicate_points, merged_tracks
+from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
@@ -27,8 +28,6 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 _OUTLIER_SIGMAS = 5.0
 # A projection matrix has eleven freedoms, an observation two.
 LEAST_OBSERVATIONS = 6
-# Median distance from the origin of a normal deviate of two coordinates, σ = 1.
-_MEDIAN_DISTANCE = float(np.sqrt(2 * np.log(2.0)))
 _LEAST_LIMIT_PX = 0.1
 # Errors before the first adjustment that all count the same.
 _FAR_PX = 30.0
@@ -134,7 +133,7 @@ class MetricModel:
     def outlier_limit_px(self, max_error_px: float) -> float:
         """Error from which on an observation is an outlier [px]."""
         errors = self.errors_px()[self.counts]
-        spread = float(np.median(errors)) / _MEDIAN_DISTANCE if len(errors) else 0.0
+        spread = float(np.median(errors)) / MEDIAN_LENGTH if len(errors) else 0.0
         return min(max_error_px, max(_OUTLIER_SIGMAS * spread, _LEAST_LIMIT_PX))
 
     def merge(self, tolerance_px: float) -> int:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import SolveOptions, adjust, projection_matrices, projective_problem
 from sfmcpp.ba.projective import matrices_to_frames, matrices_to_pixels
+from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_positive, require_seed
@@ -26,8 +27,8 @@ from sfmcpp.sfm.batch.pairs import pair_geometries, plausible_observations
 
 # Errors above this many robust standard deviations of one coordinate are outliers.
 OUTLIER_SIGMAS = 5.0
-# Median length of a normal deviate of two coordinates, σ = 1.
-_MEDIAN_LENGTH = float(np.sqrt(2 * np.log(2.0)))
+# Observations off by less are none, however small the noise is [px].
+_LEAST_LIMIT_PX = 0.5
 # What an image must see to stay: so many kept observations, and that share of the plausible ones.
 _LEAST_SEEN, _LEAST_SHARE = 10, 0.3
 _MAX_ROUNDS, _SETTLED = 10, 2e-3
@@ -74,7 +75,6 @@ def reconstruct_projective(
     tracks: ImageTracks,
     *,
     max_error_px: float = 4.0,
-    min_limit_px: float = 0.5,
     adjusted: bool = True,
     seed: int = 0,
     threads: int = 0,
@@ -92,8 +92,6 @@ def reconstruct_projective(
     max_error_px : float
         Observations off by more are outliers, as are those off by more than five robust standard
         deviations [px].
-    min_limit_px : float
-        Observations off by less are none, however small the noise is [px].
     adjusted : bool
         False: the linear solution, as an adjustment finds it, with generous limits of outliers.
     seed : int
@@ -114,10 +112,9 @@ def reconstruct_projective(
         If PoseLib is not installed (extra ``vision``).
     """
     require_positive("max_error_px", max_error_px)
-    require_positive("min_limit_px", min_limit_px)
     require_seed(seed)
     require_count("threads", threads, 0)
-    plan = ProjectivePlan(max_error_px, min(min_limit_px, max_error_px), seed, threads)
+    plan = ProjectivePlan(max_error_px, seed, threads)
     measured, order = normalised_measurements(
         tracks.image_index, tracks.track_index, tracks.pixels, tracks.num_images
     )
@@ -177,8 +174,6 @@ class ProjectivePlan:
     ----------
     max_error_px : float
         Observations off by more are left out, however large the noise is.
-    min_limit_px : float
-        Observations off by less are kept, however small the noise is.
     seed : int
         Of resections.
     threads : int
@@ -186,7 +181,6 @@ class ProjectivePlan:
     """
 
     max_error_px: float
-    min_limit_px: float
     seed: int
     threads: int
 
@@ -227,7 +221,7 @@ def initial_world(
     usual = float(np.median(error[plausible & np.isfinite(error)]))
     limit = max(_FIRST_LIMIT * plan.max_error_px, OUTLIER_SIGMAS * usual)
     points, kept = triangulate_without_outliers(measured, cameras, plausible, limit)
-    return ProjectiveWorld(cameras, points, kept, usual / _MEDIAN_LENGTH)
+    return ProjectiveWorld(cameras, points, kept, usual / MEDIAN_LENGTH)
 
 
 def adjusted_until_settled(
@@ -292,7 +286,7 @@ def _with_updated_inliers(
 ) -> ProjectiveWorld:
     """Choose the observations that agree by the noise as it is now, those left out before among them."""
     sigma = _sigma_px(measured, world)
-    final = np.clip(OUTLIER_SIGMAS * sigma, plan.min_limit_px, plan.max_error_px)
+    final = np.clip(OUTLIER_SIGMAS * sigma, _LEAST_LIMIT_PX, plan.max_error_px)
     limit = max(float(final), factor * plan.max_error_px if factor > 1 else 0.0)
     error = reprojection_errors_px(measured, world.cameras, world.points)
     candidates = _seen_by_known(measured, world.cameras) & ((error < 2 * limit) | plausible)
@@ -312,7 +306,7 @@ def _sigma_px(measured: Measurements, world: ProjectiveWorld) -> float:
     equations = 2 * len(error)
     unknowns = 3 * len(np.unique(measured.track[world.kept])) + 11 * int(world.known.sum())
     left = max(equations - unknowns, 1) / equations
-    return float(np.median(error) / _MEDIAN_LENGTH / np.sqrt(left))
+    return float(np.median(error) / MEDIAN_LENGTH / np.sqrt(left))
 
 
 def _seen_by_known(measured: Measurements, cameras: FloatArray) -> BoolArray:

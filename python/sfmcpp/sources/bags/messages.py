@@ -52,7 +52,8 @@ _ENCODINGS: dict[str, tuple[int, str | None]] = {
 }
 _SUFFIXES = {"PNG": ".png", "JPEG": ".jpg"}
 _RECTIFIED = re.compile(r"(?:^|/)image_rect")
-_NO_FIX = 0  # `status` of a fix is this or more
+# `status` of a fix is this or more: STATUS_FIX.
+_LEAST_FIX = 0
 _UNKNOWN_COVARIANCE = 0
 
 Row = tuple[float, ...]
@@ -178,7 +179,7 @@ def _rate(message: Any) -> Row:
 
 
 def _fix(message: Any) -> Row | None:
-    if message.status.status < _NO_FIX:
+    if message.status.status < _LEAST_FIX:
         return None
     return message.latitude, message.longitude, message.altitude
 

@@ -22,13 +22,13 @@ from sfmcpp.geometry.pinhole import PINHOLE
 from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate, require_valid
 from sfmcpp.sources.io.files import read_text_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
-    PERSPECTIVE,
     as_perspective,
     fixed_but,
     has_distortion,

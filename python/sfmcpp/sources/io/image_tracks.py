@@ -132,7 +132,7 @@ def _numbered_tracks(
     image_index: NDArray[Any],
     track_index: NDArray[Any],
     pixels: NDArray[Any],
-    names: list[str] | None = None,
+    names: list[str] | None,
     sizes: NDArray[Any] | None = None,
     centred: bool = False,
 ) -> ImageTracks:

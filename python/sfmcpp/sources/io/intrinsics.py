@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.pinhole import PINHOLE, to_normalised, to_pixels, undistorted_pixels
 from sfmcpp.model import camera_model
-from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, largest_of_each
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.problem import Problem
 from sfmcpp.sources.io.checks import LARGEST_COUNT, require_image_sizes, require_metadata_length
 
-PERSPECTIVE = camera_model("perspective").intrinsics
 BAL = camera_model("bal").intrinsics
 # If the search for the ray of a pixel ends farther from it, there is none.
 _FOUND_PX = 0.5
@@ -212,8 +212,8 @@ def _require_one_size(
 def _covering_sizes(problem: Problem, centred: bool) -> NDArray[np.int64]:
     """Sizes (G, 2) of images that just cover the observations."""
     sides, reach = (2, np.abs(problem.pixels)) if centred else (1, problem.pixels)
-    largest = np.ones((len(problem.intrinsics), 2))
-    np.maximum.at(largest, problem.intrinsics_index[problem.camera_index], np.ceil(reach))
+    rows = problem.intrinsics_index[problem.camera_index]
+    largest = largest_of_each(rows, np.ceil(reach), len(problem.intrinsics), least=1.0)
     return np.minimum(sides * largest, LARGEST_COUNT).astype(np.int64)
 
 

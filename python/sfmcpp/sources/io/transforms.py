@@ -19,11 +19,11 @@ import numpy as np
 
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import image_names, require_valid
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import (
-    PERSPECTIVE,
     lenses_from_corner,
     require_defaults_except,
     require_positive_lengths,

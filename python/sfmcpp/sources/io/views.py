@@ -17,10 +17,10 @@ import numpy as np
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate, image_names, point_colors
 from sfmcpp.sources.io.intrinsics import (
-    PERSPECTIVE,
     fixed_but,
     lenses_from_corner,
     model_of_row,

@@ -18,7 +18,7 @@ from typing import Any
 Tags = Mapping[int, Any]
 
 # Blocks that the first one points to.
-_EXIF_BLOCK, _GPS_BLOCK = 0x8769, 0x8825
+EXIF_BLOCK, GPS_BLOCK = 0x8769, 0x8825
 
 _PNG_BLOCKS = {"exif", "Raw profile type exif"}
 
@@ -77,8 +77,8 @@ def _blocks(image: Any) -> tuple[Tags, Tags, Tags]:
     with suppress(Exception):
         main = image.getexif()
         found[0] = dict(main)
-        found[1] = dict(main.get_ifd(_EXIF_BLOCK))
-        found[2] = dict(main.get_ifd(_GPS_BLOCK))
+        found[1] = dict(main.get_ifd(EXIF_BLOCK))
+        found[2] = dict(main.get_ifd(GPS_BLOCK))
     return found[0], found[1], found[2]
 
 

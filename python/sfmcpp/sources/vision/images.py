@@ -227,14 +227,14 @@ def eight_bits(grey: NDArray[Any], white: float) -> GreyImage:
     return np.asarray(levels.clip(0, 255), dtype=np.uint8)
 
 
-def encode_png(pixels: NDArray[np.uint8], conversion: str | None = None) -> bytes:
+def encode_png(pixels: NDArray[np.uint8], conversion: str | None) -> bytes:
     """Content of a PNG file of grey levels (height, width) or blue, green, red (height, width, 3).
 
     Parameters
     ----------
     pixels : array of uint8
         The image.
-    conversion : str, optional
+    conversion : str or None
         OpenCV's name of the conversion that makes it blue, green, red: ``"COLOR_RGB2BGR"``.
     """
     cv2 = load_cv2()

@@ -35,6 +35,7 @@ _FEATURES_IN_WORDS, _FEATURES_TRIED = 1000, 500
 # Words at least and at most; features of the set by words; those that teach a word.
 _WORDS = (64, 16384)
 _FEATURES_PER_WORD, _TEACHERS_PER_WORD = 25, 10
+# How often words are moved to the means of what is nearest to them.
 _PASSES = 4
 # Images that are tried for each that is wanted.
 _CANDIDATES = 3
@@ -143,9 +144,7 @@ def bags_of_words(features: Sequence[Features], *, seed: int = 0, threads: int =
     return _of_unit_rows(csr_matrix((data, columns, starts), (len(features), len(vocabulary))))
 
 
-def train_vocabulary(
-    descriptors: Descriptors, words: int, *, seed: int = 0, passes: int = _PASSES, threads: int = 0
-) -> Descriptors:
+def train_vocabulary(descriptors: Descriptors, words: int, *, seed: int = 0, threads: int = 0) -> Descriptors:
     """Cluster descriptors by k-means.
 
     Parameters
@@ -156,8 +155,6 @@ def train_vocabulary(
         How many clusters; fewer come back where there are fewer different descriptors.
     seed : int
         Chooses the descriptors to start from.
-    passes : int
-        How often means are taken.
     threads : int
         How many to use; 0: as many as gain from it. The result is the same.
 
@@ -176,7 +173,7 @@ def train_vocabulary(
     _, firsts = np.unique(descriptors[order], axis=0, return_index=True)
     means = np.ascontiguousarray(descriptors[order[np.sort(firsts)[:words]]])
     values, columns = descriptors.astype(np.float64), np.arange(len(descriptors))
-    for _ in range(passes):
+    for _ in range(_PASSES):
         nearest = _core.nearest_of_first(descriptors, means, threads)[0]
         members = csr_matrix((np.ones(len(values)), (nearest, columns)), (len(means), len(values)))
         sums: FloatArray = np.asarray(members @ values)

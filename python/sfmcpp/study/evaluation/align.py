@@ -171,8 +171,8 @@ def fit_alignment(
     source: FloatArray,
     target: FloatArray,
     rule: AlignmentRule,
-    with_scale: bool = True,
-    by: str = "positions",
+    with_scale: bool,
+    by: str,
 ) -> Alignment:
     """Fit the similarity of some pairs of poses; nothing moves where there are none.
 

@@ -76,7 +76,7 @@ def associate(
     return _matched_by_time(estimate, truth, _limit(max_difference_s, NEAREST_WITHIN_S))
 
 
-def warning_of_few(estimate: Trajectory, truth: Trajectory, matched: int, match: str = "nearest") -> str:
+def warning_of_few(estimate: Trajectory, truth: Trajectory, matched: int, match: str) -> str:
     """Warn where most poses of the time that both trajectories cover have no partner; empty if not.
 
     Parameters

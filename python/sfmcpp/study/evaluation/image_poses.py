@@ -25,11 +25,10 @@ from sfmcpp.sources.io.api import format_of, read
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.number_text import number_of
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
+from sfmcpp.study.report_files import MODEL, REPORT
 
 # Formats without names of images; their .txt is a trajectory's too.
 _NAMELESS = ("bal", "sba")
-# What `sfmcpp reconstruct` writes into its folder.
-_MODEL, _REPORT = "model", "report.json"
 # What numbers in names of images count: seconds, or the ns, µs and ms of data sets. Whole ones that all stay
 # below a million are frame numbers.
 _UNITS_S = (1.0, 1e-9, 1e-6, 1e-3)
@@ -124,7 +123,7 @@ def is_problem_file(path: Path) -> bool:
 
 def model_path(path: Path) -> Path:
     """Path of the model: `path` itself, or the folder ``model`` in the results of ``sfmcpp reconstruct``."""
-    inside = path / _MODEL
+    inside = path / MODEL
     return inside if not _has_model(path) and _has_model(inside) else path
 
 
@@ -160,7 +159,7 @@ def read_image_poses(path: str | PathLike[str]) -> ImagePoses:
 
 def images_of_model_path(path: Path) -> list[str] | None:
     """Names of all images given to ``sfmcpp reconstruct``, from its report in `path`; else None."""
-    report = path / _REPORT
+    report = path / REPORT
     if not report.is_file():
         return None
     with failures_named(report):
@@ -181,7 +180,7 @@ def _no_model(path: Path) -> str:
     hint = f"; evaluate {trajectory} instead" if trajectory.is_file() else ""
     return (
         "is a folder without a model: must hold cameras, images and points3D (.bin or .txt), a folder "
-        f"{_MODEL!r} with them, or Strecha's IMAGE.camera{hint}"
+        f"{MODEL!r} with them, or Strecha's IMAGE.camera{hint}"
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfmcpp.geometry.significance import mad_sigma
 from sfmcpp.study.pages.charts import arrows, bars, histogram, match_matrix, match_squares, nice_ticks
 from sfmcpp.study.pages.parts import data_uri, png_bytes
 from sfmcpp.study.report_table import grouped_by_reason, origin_text, residuals_text
@@ -51,7 +52,7 @@ def errors(report: SfmReport) -> str:
     means, counts = measures.errors_of_images_px[chosen], measures.observations_of_images[chosen]
     names = [measures.world.image_names[i] for i in chosen]
     titles = [f"{n}: {e:.3f} px, {c:,} observations" for n, e, c in zip(names, means, counts, strict=True)]
-    spread = 1.4826 * float(np.median(np.abs(means - np.median(means))))
+    spread = mad_sigma(means - np.median(means))
     usual = float(np.median(means))
     marked = (means > max(usual + 4 * spread, _FAR_ABOVE * usual)).tolist()
     worst = ", ".join(html.escape(name) for name, is_marked in zip(names, marked, strict=True) if is_marked)

@@ -22,7 +22,8 @@ UPDATES_PER_SECOND = 10.0
 _LARGEST_SHARE = 0.05
 # For this computer alone: the page has no password.
 _HOST = "127.0.0.1"
-FIRST_PORT = 8080
+# Or, if it is taken, the next free one.
+_FIRST_PORT = 8080
 MOST_POINTS = 100_000
 MOST_KEYFRAMES = 40
 
@@ -67,8 +68,6 @@ class LiveView:
     ----------
     title : str
         Title of the page.
-    port : int
-        Where to serve; the next free port if it is taken.
 
     Raises
     ------
@@ -76,10 +75,10 @@ class LiveView:
         If viser is not installed.
     """
 
-    def __init__(self, title: str, port: int = FIRST_PORT) -> None:
+    def __init__(self, title: str) -> None:
         viser = load_viser()
         with _without_viser_output():
-            self._server = viser.ViserServer(host=_HOST, port=port, label=title, verbose=False)
+            self._server = viser.ViserServer(host=_HOST, port=_FIRST_PORT, label=title, verbose=False)
         self._next_s = 0.0
         self._whole = (np.zeros(3), 1.0)
         self._around = (np.zeros(3), 1.0)

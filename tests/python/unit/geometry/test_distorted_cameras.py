@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares, minimize
 
-from mvg_helpers import angle_deg, random_camera
+from random_scenes import angle_deg, random_camera
 from sfmcpp import Problem
 from sfmcpp.geometry import (
     mean_reprojection_errors_px,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mvg_helpers import Array, project, random_pair
+from random_scenes import Array, project, random_pair
 from sfmcpp import InvalidArgument
 from sfmcpp.geometry import focal_from_pairs, two_view_geometry
 from sfmcpp.geometry.epipolar import camera_of_fundamental, fundamental_matrix

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from mvg_helpers import Array, angle_deg, project, random_camera, spoil
+from random_scenes import Array, angle_deg, project, random_camera, spoil
 from sfmcpp import InvalidArgument
 from sfmcpp.geometry import FocalPoseEstimate, resection, resection_with_focal
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mvg_helpers import INTRINSICS, Array, angle_deg, project, random_camera
+from random_scenes import INTRINSICS, Array, angle_deg, project, random_camera
 from sfmcpp.geometry import relative_pose, resection, resection_with_focal, two_view_geometry
 
 LINE = np.linspace([-2.5, -1.5, 6.0], [2.0, 1.5, 9.0], 60)

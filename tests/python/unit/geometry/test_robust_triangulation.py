@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from mvg_helpers import INTRINSICS, Array, project, residuals_of, views_of
+from random_scenes import INTRINSICS, Array, project, residuals_of, views_of
 from sfmcpp import InvalidArgument, Problem
 from sfmcpp.geometry import robust_triangulation
 

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import sfmcpp
-from mvg_helpers import Array
+from random_scenes import Array
 from sfmcpp import InvalidArgument
 from sfmcpp.geometry import Similarity, fit_pose_similarity, fit_similarity
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mvg_helpers import INTRINSICS, Array, Pair, angle_deg, calibration, project, random_camera, spoil
+from random_scenes import INTRINSICS, Array, Pair, angle_deg, calibration, project, random_camera, spoil
 from sfmcpp import InvalidArgument
 from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
 from sfmcpp.geometry.pinhole import to_normalised, to_pixels

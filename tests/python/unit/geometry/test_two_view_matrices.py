@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from mvg_helpers import INTRINSICS, Array, project, random_camera, random_pair, spoil
+from random_scenes import INTRINSICS, Array, project, random_camera, random_pair, spoil
 from sfmcpp import InvalidArgument
 from sfmcpp.geometry import (
     MatrixEstimate,

@@ -17,7 +17,7 @@ import sfmcpp
 from sfmcpp import ConstraintGroup, DatasetError, InvalidArgument, Problem, sfm
 from sfmcpp.doctor import repair
 from sfmcpp.map import map_of_problem
-from sfmcpp.model import SensorStream
+from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.model.image_tracks import image_tracks
 from sfmcpp.sensors import Mounting
 from sfmcpp.slam import SlamSettings, View
@@ -250,3 +250,23 @@ def test_ragged_rows_are_named_where_a_row_of_numbers_would_do() -> None:
         SensorStream([0, 1], RAGGED, "speed")
     with pytest.raises(InvalidArgument, match=r"view.pixels = .*must be an array of numbers"):
         View([0, 1], RAGGED)
+
+
+@pytest.mark.parametrize(
+    ("t_s", "change", "told"),
+    [
+        ([0.0, 1.0, 1.0], None, r"t_s\[2\] = 1.0 s is a duplicate"),
+        ([0.0, 2.0, 1.0], None, r"t_s\[2\] = 1.0 s is earlier"),
+        ([0.0, 1.0, 2.0], (1, 0, 0, np.nan), r"poses\[1, 0, 0\] = nan"),
+        ([0.0, 1.0, 2.0], (1, 0, 0, 5.0), r"poses\[1\]: its first three columns are no rotation"),
+        ([0.0, 1.0], None, "poses: shape"),
+    ],
+)
+def test_an_impossible_trajectory_is_refused(
+    t_s: list[float], change: tuple[int, int, int, float] | None, told: str
+) -> None:
+    poses = np.tile(np.eye(3, 4), (3, 1, 1))
+    if change is not None:
+        poses[change[:3]] = change[3]
+    with pytest.raises(InvalidArgument, match=told):
+        Trajectory(np.array(t_s), poses)

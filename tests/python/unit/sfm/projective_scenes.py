@@ -14,7 +14,6 @@ Array = NDArray[np.float64]
 
 SIZE = (640, 480)
 FOCAL = 1000.0
-MOTIONS = ("turntable", "fixating", "general", "line", "nadir")
 
 
 def poses_of(motion: str, count: int, rng: np.random.Generator) -> Array:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.photos import Photo
-from sfmcpp.sfm.cameras import PERSPECTIVE, cameras_of, parse_camera_argument, shared_by
+from sfmcpp.sfm.cameras import cameras_of, parse_camera_argument, shared_by
 
 LARGE, SMALL = (3000, 2000), (1500, 1000)
 

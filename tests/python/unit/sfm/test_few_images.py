@@ -8,8 +8,8 @@ import pytest
 import sfmcpp
 from sfm_scenes import match_graph
 from sfmcpp.geometry import fit_similarity
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm import SfmRun, reconstruct
-from sfmcpp.sfm.cameras import PERSPECTIVE
 from sfmcpp.study import SfmReport
 
 K1 = -0.15

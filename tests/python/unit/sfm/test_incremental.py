@@ -11,9 +11,10 @@ from sfmcpp import InvalidArgument
 from sfmcpp.geometry import fit_similarity, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm import MatchGraph, reconstruct
 from sfmcpp.sfm.camera_choice import choose_camera_model
-from sfmcpp.sfm.cameras import PERSPECTIVE, Cameras, cameras_of
+from sfmcpp.sfm.cameras import Cameras, cameras_of
 from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.scene import Scene

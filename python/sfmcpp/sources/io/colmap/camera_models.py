@@ -9,8 +9,9 @@ import numpy as np
 
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sources.io.colmap.fisheye import is_fisheye
-from sfmcpp.sources.io.intrinsics import PERSPECTIVE, fixed_but, perspective_columns, perspective_rows
+from sfmcpp.sources.io.intrinsics import fixed_but, perspective_columns, perspective_rows
 
 # What FULL_OPENCV divides its radial factor 1 + k1 r² + k2 r⁴ + k3 r⁶ by, after COLMAP's names: 1 + k4 r² + …
 # The perspective model has other k4 and k5, of r⁸ and r¹⁰, and no divisor.

@@ -20,6 +20,7 @@ from sfmcpp.geometry import mean_reprojection_errors_px
 from sfmcpp.geometry.so3 import quaternion_from_rotation
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.metadata import KEYPOINTS, LOOSE, SECOND_SIGHTINGS
 from sfmcpp.sources.io.checks import (
     LARGEST_COUNT,
@@ -49,7 +50,6 @@ from sfmcpp.sources.io.colmap.tables import (
     rows_of_ids,
 )
 from sfmcpp.sources.io.intrinsics import (
-    PERSPECTIVE,
     CornerLenses,
     as_perspective,
     lenses_from_corner,

@@ -9,9 +9,9 @@ from typing import Any
 
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.synthetic.photos.rendering import Picture
+from sfmcpp.sources.vision.exif import EXIF_BLOCK, GPS_BLOCK
 from sfmcpp.sources.vision.images import load_pillow
 
-_EXIF_BLOCK, _GPS_BLOCK = 0x8769, 0x8825
 _FOCAL_MM = 8
 _QUALITY = 95
 
@@ -44,9 +44,9 @@ def write_photo(path: Path, picture: Picture, content: ExifContent) -> None:
     exif = pillow.Exif()
     if content.focal_px is not None:
         exif.update({0x010F: "sfmcpp", 0x0110: "synthetic"})
-        exif.get_ifd(_EXIF_BLOCK).update(_focal_tags(content.focal_px))
+        exif.get_ifd(EXIF_BLOCK).update(_focal_tags(content.focal_px))
     if content.position is not None:
-        exif.get_ifd(_GPS_BLOCK).update(_position_tags(*content.position))
+        exif.get_ifd(GPS_BLOCK).update(_position_tags(*content.position))
     with failures_named(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         pillow.fromarray(picture).save(path, exif=exif, quality=_QUALITY)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from mvg_helpers import INTRINSICS, Array, angle_deg, project, random_camera, random_pair, spoil
+from random_scenes import INTRINSICS, Array, angle_deg, project, random_camera, random_pair, spoil
 from sfmcpp import InvalidArgument, circle_scene
 from sfmcpp.geometry import resection
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from mvg_helpers import (
+from random_scenes import (
     INTRINSICS,
     Array,
     Pair,

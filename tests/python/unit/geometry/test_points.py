@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 import sfmcpp
-from mvg_helpers import Array, ragged_problem, residuals_of, views_of
+from random_scenes import Array, ragged_problem, residuals_of, views_of
 from sfmcpp import InvalidArgument, Problem, circle_scene
 from sfmcpp.geometry import (
     depths,

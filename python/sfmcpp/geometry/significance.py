@@ -1,4 +1,4 @@
-"""Chance agreement of matches with a model, and limits for the number of random samples.
+"""Chance agreement of matches with a model, numbers of random samples, and limits for what scatters.
 
 Of N random matches, each agreeing with a given model with probability α, and a model through each sample of
 s matches, about ``(N − s) C(N, k) C(k, s) α^(k − s)`` models with k inliers are expected (L. Moisan,
@@ -19,6 +19,10 @@ _ONE_OF_TWO = math.sqrt(2.0)
 _LARGEST_CHANCE = 0.5
 # So many models of chance are expected at most: one false pair in a thousand.
 _LOG_EXPECTED = math.log(1e-3)
+# Standard deviation of Gaussian noise over the median of its absolute values.
+SIGMA_OF_MEDIAN = 1.4826
+# Median length of a normal deviate of two coordinates, σ = 1.
+MEDIAN_LENGTH = math.sqrt(2 * math.log(2.0))
 # A right number may be beyond a limit so rarely, where it is few numbers that tell how they scatter.
 _RARELY = 3e-4
 
@@ -71,6 +75,11 @@ def students_limit(redundancy: float) -> float:
     from scipy.special import stdtrit
 
     return -float(stdtrit(redundancy, _RARELY / 2))
+
+
+def mad_sigma(centred: FloatArray) -> float:
+    """Robust standard deviation of numbers that scatter about zero, from their median absolute value."""
+    return SIGMA_OF_MEDIAN * float(np.median(np.abs(centred)))
 
 
 def _extent(pixels: FloatArray) -> tuple[float, float]:

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
-from mvg_helpers import Array, angle_deg
+from random_scenes import Array, angle_deg
 from sfmcpp import Problem
 from sfmcpp.geometry import (
     relative_pose,

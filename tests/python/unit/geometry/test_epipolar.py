@@ -1,13 +1,20 @@
-"""Image points, epipolar geometry and cheirality of two cameras, each against its definition."""
+"""Image points, epipolar geometry, nearest points of rays and cheirality of two cameras, by definition."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mvg_helpers import INTRINSICS, calibration, project, random_camera, random_pair
-from sfmcpp.geometry.epipolar import fundamental_matrix, in_front_of_both, sampson_errors_px
+from random_scenes import INTRINSICS, calibration, project, random_camera, random_pair
+from sfmcpp.geometry.epipolar import (
+    closest_depths,
+    fundamental_matrix,
+    in_front_of_both,
+    midpoints,
+    sampson_errors_px,
+)
 from sfmcpp.geometry.pinhole import inverse_calibration, to_normalised, to_pixels
 
 OTHER = np.array([450.0, 0.9, 200.0, 150.0, -3.0])
@@ -70,3 +77,24 @@ def test_a_point_is_in_front_of_both_cameras_only_where_both_depths_are_positive
     images = (project(c, unit_intrinsics, points) for c in (first, second))
     assert min(np.bincount(2 * (depth_1 > 0) + (depth_2 > 0))) > 20
     np.testing.assert_array_equal(in_front_of_both(first, second, *images), (depth_1 > 0) & (depth_2 > 0))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_depths_and_midpoints_are_the_least_squares_of_the_distance(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rays, centres = random.normal(size=(2, 7, 3)), random.normal(size=(2, 7, 3))
+    depth_1, depth_2, factor = closest_depths(rays[0], rays[1], centres[1] - centres[0])
+    middle = midpoints(rays[0], centres[0], rays[1], centres[1])
+    for k in range(7):
+        base = centres[1, k] - centres[0, k]
+        expected = np.linalg.lstsq(np.column_stack([rays[0, k], -rays[1, k]]), base, rcond=None)[0]
+        assert np.array([depth_1[k], depth_2[k]]) / factor[k] == pytest.approx(expected, rel=1e-9)
+        ends = [c + d * r for c, d, r in zip(centres[:, k], expected, rays[:, k], strict=True)]
+        assert middle[k] == pytest.approx(np.mean(ends, axis=0), rel=1e-9)
+
+
+def test_parallel_lines_have_no_middle() -> None:
+    ray = np.array([[0.0, 0.0, 1.0]])
+    _, _, factor = closest_depths(ray, 2 * ray, np.array([[1.0, 0.0, 0.0]]))
+    assert factor == [0.0]
+    assert not np.isfinite(midpoints(ray, np.zeros((1, 3)), ray, np.array([[1.0, 0, 0]]))).any()

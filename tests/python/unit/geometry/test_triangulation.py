@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from mvg_helpers import Array, project, ragged_problem, residuals_of, views_of
+from random_scenes import Array, project, ragged_problem, residuals_of, views_of
 from sfmcpp import InvalidArgument, Problem, as_projective, circle_scene
 from sfmcpp.geometry import (
     depths,
