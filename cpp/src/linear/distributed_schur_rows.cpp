@@ -175,12 +175,11 @@ void DistributedSchurRows::form(std::span<const int> cameras,
 }
 
 void DistributedSchurRows::form_with_received(int i, const SchurRows::Place& place, int worker) {
-  const auto [diagonal, blocks, rhs] = place;
   const std::span<const int> columns = pattern().columns_behind(i);
-  std::fill_n(blocks, size() * size() * static_cast<long>(columns.size()), 0.0);
+  std::fill_n(place.blocks, size() * size() * static_cast<long>(columns.size()), 0.0);
   if (!partition_.is_own(i)) {
-    std::fill_n(diagonal, size() * size(), 0.0);
-    std::fill_n(rhs, 2 * size(), 0.0);
+    std::fill_n(place.diagonal, size() * size(), 0.0);
+    std::fill_n(place.rhs, 2 * size(), 0.0);
     return;
   }
   std::vector<int>& number = numbers_[worker];
@@ -189,17 +188,17 @@ void DistributedSchurRows::form_with_received(int i, const SchurRows::Place& pla
     for (std::size_t k = 0; k < of.size(); ++k)
       add(from + size() * size() * static_cast<long>(k),
           size() * size(),
-          blocks + size() * size() * number[of[k]]);
+          place.blocks + size() * size() * number[of[k]]);
   };
   const std::span<const int> here = here_->pattern.columns_behind(i);
   AlignedVector<double>& part = parts_[worker];
   part.resize(static_cast<std::size_t>(size() * size()) * here.size());
-  form_here(i, {diagonal, part.data(), rhs}, worker);
+  form_here(i, {place.diagonal, part.data(), place.rhs}, worker);
   add_blocks(here, part.data());
   for (const Received& row : received_rows_[i]) {
     const double* from = received_.data() + row.first;
-    add(from, size() * size(), diagonal);
-    add_compensated_sums(from + size() * size(), size(), rhs);
+    add(from, size() * size(), place.diagonal);
+    add_compensated_sums(from + size() * size(), size(), place.rhs);
     add_blocks(row.columns, from + size() * (size() + 2));
   }
 }
