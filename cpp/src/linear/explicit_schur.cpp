@@ -97,7 +97,7 @@ void ExplicitSchurSolver::form() {
   const int at_once = schur_rows_.rows_at_once();
   for (int begin = 0; begin < count; begin += batch) {
     const int end = std::min(begin + batch, count);
-    const int tasks = (end - begin + at_once - 1) / at_once;
+    const int tasks = ThreadPool::num_parts(end - begin, at_once);
     normal_.pool().parallel_for_worker(tasks, [&](int task, int worker) {
       const int first = begin + task * at_once, last = std::min(first + at_once, end);
       const std::span rows(rows_.data() + (shared ? first - begin : worker * at_once), at_once);

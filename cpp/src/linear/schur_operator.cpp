@@ -178,7 +178,7 @@ void BlockSparseSchur::form(CameraBlockDiagonal& diagonal) {
     schur_rows_.exchange(round);
     const std::span<const int> rows = schur_rows_.rows_of_round(round);
     const auto at_once = static_cast<std::size_t>(schur_rows_.rows_at_once());
-    const auto tasks = static_cast<int>((rows.size() + at_once - 1) / at_once);
+    const int tasks = ThreadPool::num_parts(std::ssize(rows), schur_rows_.rows_at_once());
     normal_.pool().parallel_for_worker(tasks, [&](int task, int worker) {
       const std::size_t first = at_once * task;
       form_rows(rows.subspan(first, std::min(at_once, rows.size() - first)), worker, diagonal);

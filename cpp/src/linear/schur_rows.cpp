@@ -97,14 +97,13 @@ SchurRows::SchurRows(const NormalEquations& normal,
 void SchurRows::form(std::span<const int> cameras, std::span<const Place> places, int worker) {
   Scratch& scratch = scratch_[worker];
   const auto num_rows = static_cast<int>(cameras.size());
-  const long area = static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   for (int k = 0; k < num_rows; ++k) {
     Row& row = scratch.rows[k];
     row.camera = cameras[k];
     row.blocks = places[k].blocks;
     number_blocks(pattern_, row.camera, -1, row.block_of_camera);
     form_diagonal(row.camera, places[k]);
-    std::fill_n(row.blocks, num_blocks_behind(row.camera) * area, 0.0);
+    std::fill_n(row.blocks, num_blocks_behind(row.camera) * area(), 0.0);
   }
   if (sums_in_parts_) return add_pairs_in_parts(num_rows, scratch);
   if (!pairs_.empty()) return add_kept_pairs(scratch);
@@ -143,8 +142,7 @@ void SchurRows::lift(const Row& row, double sign) const {
   const int size = normal_.map().camera_size;
   const double* of_row = grid_->of_camera(row.camera);
   double* blocks = row.blocks;
-  for (int k = 0; k < num_blocks_behind(row.camera);
-       ++k, blocks += static_cast<long>(size) * size) {
+  for (int k = 0; k < num_blocks_behind(row.camera); ++k, blocks += area()) {
     const double* of_column = grid_->of_camera(pattern_.columns_behind(row.camera)[k]);
     for (int r = 0; r < size; ++r) {
       for (int c = 0; c < size; ++c)
@@ -161,7 +159,6 @@ void SchurRows::add_kept_pairs(Scratch& scratch) const {
   const ObservationGraph& graph = normal_.graph();
   const Row& row = scratch.rows[0];
   const int i = row.camera, count = num_blocks_behind(i);
-  const long area = static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   const long* begin = pairs_.begin_of_row(pattern_.row_begin[i]);
   scratch.sums_of_rows = {
       sum_of_row(row, graph.camera_begin[i], graph.camera_begin[i + 1], scratch.whitened.data())};
@@ -170,7 +167,7 @@ void SchurRows::add_kept_pairs(Scratch& scratch) const {
     scratch.sums_of_blocks.push_back({.row = 0,
                                       .column = pattern_.columns_behind(i)[k],
                                       .end = begin[k + 1] - begin[0],
-                                      .sum = row.blocks + area * k});
+                                      .sum = row.blocks + area() * k});
   sum_pairs(pairs_.pairs() + begin[0], scratch);
 }
 
@@ -244,7 +241,6 @@ void SchurRows::sort_part(int num_rows, Scratch& scratch) const {
   for (int k = 0; k < num_keys; ++k) begin[k + 2] += begin[k + 1];
   scratch.pairs.resize(scratch.found.size());
   for (const FoundPair& found : scratch.found) scratch.pairs[begin[found.key + 1]++] = found.pair;
-  const long area = static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
   scratch.sums_of_blocks.clear();
   for (int key = 0; key < num_keys; ++key) {
     if (begin[key] == begin[key + 1]) continue;
@@ -253,7 +249,7 @@ void SchurRows::sort_part(int num_rows, Scratch& scratch) const {
     scratch.sums_of_blocks.push_back({.row = k,
                                       .column = j,
                                       .end = begin[key + 1],
-                                      .sum = row.blocks + area * row.block_of_camera[j]});
+                                      .sum = row.blocks + area() * row.block_of_camera[j]});
   }
 }
 

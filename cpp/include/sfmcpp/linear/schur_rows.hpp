@@ -89,6 +89,10 @@ class SchurRows {
     std::vector<int> columns, number_of_column;  // the latter of each camera; −1
   };
 
+  // Numbers of a block.
+  long area() const {
+    return static_cast<long>(normal_.map().camera_size) * normal_.map().camera_size;
+  }
   int num_blocks_behind(int i) const;
   void form_diagonal(int i, const Place& place) const;
   void add_row(const Row& row) const;
