@@ -6,13 +6,14 @@ They are drawn here, by no scene of the package, with one lens for all images ("
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
 from sfmcpp.sources.synthetic import perturb
+from sfmcpp.sources.synthetic.image_geometry import UP, looking_at
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,7 @@ class Shape:
     """Cameras (C, 3) that look at targets (C, 3), points (N, 3), and how many of those in view are tracked.
 
     `share` is of all points, or one of each (N,). Points with normals (N, 3) are seen from one side alone.
+    The world direction `up` points up in every image.
     """
 
     centres: Array
@@ -40,6 +42,7 @@ class Shape:
     share: float | Array
     start_sigma_m: float
     normals: Array | None = None
+    up: Array = field(default_factory=UP.copy)
 
 
 def survey(images: int, rng: np.random.Generator) -> Shape:
@@ -51,7 +54,8 @@ def survey(images: int, rng: np.random.Generator) -> Shape:
     ground = rng.uniform(places.min(axis=0) - 50.0, places.max(axis=0) + 50.0, (num_points, 2))
     points = np.column_stack([ground, rng.gamma(1.0, 6.0, num_points)])
     centres = np.column_stack([places, np.full(images, 100.0)]) + rng.normal(0.0, 1.0, (images, 3))
-    return Shape(centres, centres - [0.0, 0.0, 1.0], points, Lens(3000.0, 4000, 3000), 0.5, 1.0)
+    lens, north = Lens(3000.0, 4000, 3000), np.array([0.0, 1.0, 0.0])
+    return Shape(centres, centres - UP, points, lens, 0.5, 1.0, up=north)
 
 
 def scan(images: int, rng: np.random.Generator) -> Shape:
@@ -106,8 +110,8 @@ def problem_of(name: str, images: int, lenses: str, seed: int = 2) -> Problem:
     """A shape with noise of 1 px, observed by two images or more, from a poor start."""
     rng = np.random.default_rng(seed)
     shape = _SHAPES[name](images, rng)
-    rotations = _looking(shape.centres, shape.targets)
-    seen = [_seen(shape, c, r, rng) for c, r in zip(shape.centres, rotations, strict=True)]
+    cameras = looking_at(shape.centres, shape.targets, shape.up)
+    seen = [_seen(shape, camera, rng) for camera in cameras]
     camera = np.repeat(np.arange(len(seen), dtype=np.int32), [len(rows) for rows, _ in seen])
     point = np.concatenate([rows for rows, _ in seen])
     pixels = np.concatenate([pixels for _, pixels in seen])
@@ -117,7 +121,7 @@ def problem_of(name: str, images: int, lenses: str, seed: int = 2) -> Problem:
     rows = np.zeros(len(seen), dtype=np.int32) if lenses == "one" else np.arange(len(seen), dtype=np.int32)
     problem = Problem(
         "bal",
-        np.concatenate([rotations, shape.centres[:, :, None]], axis=2),
+        cameras,
         np.tile([shape.lens.focal_px, 0.0, 0.0], (rows[-1] + 1, 1)),
         shape.points[tracked],
         camera[kept],
@@ -129,27 +133,16 @@ def problem_of(name: str, images: int, lenses: str, seed: int = 2) -> Problem:
     return perturb(problem, point_sigma_m=sigma, position_sigma_m=sigma, rotation_sigma_deg=0.5, seed=1)
 
 
-def _looking(centres: Array, targets: Array) -> Array:
-    """Rotations (C, 3, 3) world_from_camera of cameras that look at targets with z of the world up."""
-    z = targets - centres
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
-    up = np.where(np.abs(z[:, 2:]) > 0.999, [0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
-    x = np.cross(z, up)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2)
-
-
-def _seen(
-    shape: Shape, centre: Array, rotation: Array, rng: np.random.Generator
-) -> tuple[NDArray[np.int64], Array]:
+def _seen(shape: Shape, camera: Array, rng: np.random.Generator) -> tuple[NDArray[np.int64], Array]:
     """Points that a camera tracks, and their images."""
-    in_camera = (shape.points - centre) @ rotation
+    offsets = shape.points - camera[:, 3]
+    in_camera = offsets @ camera[:, :3]
     depth = np.where(in_camera[:, 2] > 0.3, in_camera[:, 2], np.inf)
     pixels = shape.lens.focal_px * in_camera[:, :2] / depth[:, None]
     visible = np.isfinite(depth) & (np.abs(pixels) < [shape.lens.width_px / 2, shape.lens.height_px / 2]).all(
         axis=1
     )
     if shape.normals is not None:
-        visible &= ((shape.points - centre) * shape.normals).sum(axis=1) < -0.2 * depth
+        visible &= (offsets * shape.normals).sum(axis=1) < -0.2 * depth
     rows = np.flatnonzero(visible & (rng.random(len(visible)) < shape.share)).astype(np.int64)
     return rows, pixels[rows]
