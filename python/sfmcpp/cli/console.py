@@ -25,6 +25,10 @@ _OBEYED = re.compile(
     r"\x1b(?!\[[\d;]*m)|[\x00-\x08\x0b-\x1a\x1c-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]"
 )
 
+# Paths have 4,096 letters at most, and their ends tell which they are.
+_LONGEST_WORD, _LONGEST_LINE = 500, 5000
+_LONG_WORD = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
+
 
 class ExitCode(IntEnum):
     """The contract with the shell.
@@ -60,11 +64,22 @@ def print_note(message: str) -> None:
     """Write exactly one line to stderr, if there is one; it has no colours but those of a hostile file."""
     if sys.stderr is None:
         return
-    line = printable("\\n".join(message.splitlines())).replace("\x1b", "\\x1b")
+    line = _in_short(printable("\\n".join(message.splitlines())).replace("\x1b", "\\x1b"))
     try:
         print(f"sfmcpp: {line}", file=sys.stderr, flush=True)
     except OSError:  # the exit code tells
         discard_output(sys.stderr)
+
+
+def _in_short(line: str) -> str:
+    """The line without the middle of what a message repeats of an argument or a file, however long."""
+    line = _LONG_WORD.sub(lambda found: _ends_of(found[0], _LONGEST_WORD), line)
+    return line if len(line) <= _LONGEST_LINE else _ends_of(line, _LONGEST_LINE)
+
+
+def _ends_of(text: str, length: int) -> str:
+    kept = length // 4
+    return f"{text[:kept]}… ({len(text) - 2 * kept:,} letters) …{text[-kept:]}"
 
 
 def print_error(message: object) -> ExitCode:

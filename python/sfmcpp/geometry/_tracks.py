@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, finite_array
 from sfmcpp.model.camera_models import require_pinhole
 
-_OBSERVATIONS_OF_A_PART = 1 << 18
+# Columns of so many observations stay in a core's cache, and are too small for pages of their own.
+_OBSERVATIONS_AT_ONCE = 1 << 13
 
 
 def require_metric(problem: Problem) -> None:
@@ -42,23 +43,10 @@ def _require_in_range(name: str, index: IndexArray, size: int) -> None:
         raise InvalidArgument(f"{name}[{worst}] = {index[worst]}: must be from 0 to {size - 1}")
 
 
-def in_parts(problem: Problem) -> Iterator[tuple[slice, Problem]]:
-    """The problem with some hundred thousand of its observations at a time, and which they are."""
-    for begin in range(0, problem.num_observations, _OBSERVATIONS_OF_A_PART):
-        rows = slice(begin, begin + _OBSERVATIONS_OF_A_PART)
-        index = problem.camera_index[rows], problem.point_index[rows]
-        yield (
-            rows,
-            Problem(
-                problem.camera_model,
-                problem.cameras,
-                problem.intrinsics,
-                problem.points,
-                *index,
-                problem.pixels[rows],
-                intrinsics_index=problem.intrinsics_index,
-            ),
-        )
+def in_pieces(problem: Problem) -> Iterator[slice]:
+    """Some thousand of the observations at a time."""
+    for begin in range(0, problem.num_observations, _OBSERVATIONS_AT_ONCE):
+        yield slice(begin, begin + _OBSERVATIONS_AT_ONCE)
 
 
 def intrinsics_of_observations(problem: Problem) -> FloatArray:
@@ -84,8 +72,26 @@ def observed_rays(problem: Problem) -> FloatArray:
 
 def points_in_cameras(problem: Problem, points: FloatArray) -> FloatArray:
     """(M, 3) the point of each observation, in its camera."""
-    offsets = points[problem.point_index] - problem.centres[problem.camera_index]
-    return np.asarray(np.einsum("mij,mi->mj", problem.rotations[problem.camera_index], offsets))
+    in_camera, columns_of = np.empty((problem.num_observations, 3)), camera_columns(problem, points)
+    for rows in in_pieces(problem):
+        in_camera[rows] = columns_of(rows).T
+    return in_camera
+
+
+def camera_columns(problem: Problem, points: FloatArray) -> Callable[[slice], FloatArray]:
+    """A function that gives some rows of :func:`points_in_cameras` as columns (3, m).
+
+    Several times faster than a matrix gathered for each observation.
+    """
+    cameras = np.ascontiguousarray(problem.cameras.reshape(-1, 12).T)
+
+    def columns_of(rows: slice) -> FloatArray:
+        camera = cameras.take(problem.camera_index[rows], axis=1)
+        x, y, z = points.take(problem.point_index[rows], axis=0).T - camera[3::4]
+        with np.errstate(invalid="ignore", over="ignore"):  # points at infinity
+            return np.stack([camera[j] * x + camera[4 + j] * y + camera[8 + j] * z for j in range(3)])
+
+    return columns_of
 
 
 def num_views(problem: Problem) -> NDArray[np.int64]:

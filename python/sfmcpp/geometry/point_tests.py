@@ -6,14 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.geometry._tracks import (
-    in_parts,
+    camera_columns,
+    in_pieces,
     intrinsics_of_observations,
     num_views,
     points_in_cameras,
     require_metric,
     require_points,
 )
-from sfmcpp.geometry.pinhole import to_pixels, unit
+from sfmcpp.geometry.pinhole import pinhole_rows, to_pixels, unit
 from sfmcpp.model import Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
@@ -82,13 +83,15 @@ def reprojection_errors_px(problem: Problem, points: FloatArray) -> FloatArray:
     """
     require_metric(problem)
     world = require_points(problem, points)
-    errors = np.empty(problem.num_observations)
-    for rows, part in in_parts(problem):
-        in_camera = points_in_cameras(part, world)
-        in_front = (in_camera[:, 2] > 0) & np.isfinite(in_camera).all(axis=1)
-        in_camera[~in_front] = 1.0
-        pixels = to_pixels(in_camera[:, :2] / in_camera[:, 2:], intrinsics_of_observations(part))
-        errors[rows] = np.where(in_front, np.linalg.norm(pixels - part.pixels, axis=1), np.inf)
+    errors, columns_of = np.empty(problem.num_observations), camera_columns(problem, world)
+    intrinsics = np.ascontiguousarray(pinhole_rows(problem.intrinsics)[problem.intrinsics_index].T)
+    for rows in in_pieces(problem):
+        in_camera = columns_of(rows)
+        in_front = (in_camera[2] > 0) & np.isfinite(in_camera).all(axis=0)
+        in_camera[:, ~in_front] = 1.0
+        lenses = intrinsics.take(problem.camera_index[rows], axis=1)
+        u, v = (to_pixels((in_camera[:2] / in_camera[2]).T, lenses.T) - problem.pixels[rows]).T
+        errors[rows] = np.where(in_front, np.sqrt(u * u + v * v), np.inf)
     return errors
 
 

@@ -182,9 +182,10 @@ def new_numbers(kept: NDArray[Any], count: int) -> IndexArray:
 def largest_of_each(
     group: NDArray[np.integer[Any]], values: FloatArray, count: int, *, least: float = 0.0
 ) -> FloatArray:
-    """(count, …) largest of the values (n, …) of each `group`, numbers (n,) below `count`; or `least`."""
+    """(count,) or (count, K) largest of the values (n,) or (n, K) of each `group` (n,); or `least`."""
     largest = np.full((count, *values.shape[1:]), least)
-    np.maximum.at(largest, group, values)
+    for column, numbers in zip(np.atleast_2d(largest.T), np.atleast_2d(values.T), strict=True):
+        np.maximum.at(column, group, numbers)  # rows take it ten times as long
     return largest
 
 

@@ -68,6 +68,22 @@ def test_bad_usage_is_one_line_before_any_file_is_looked_at(arguments: list[str]
     assert told in result.stderr
 
 
+@pytest.mark.parametrize("value", ["x" * 100_000, "of words " * 10_000])
+def test_of_a_long_value_the_ends_are_told(value: str) -> None:
+    for option, told in (
+        ("--loss", "is unknown; choose one of squared"),
+        ("--max-iterations", "solve --help"),
+    ):
+        refused = run_here("solve", "a.txt", option, value)
+        assert refused.returncode == 2
+        assert is_one_error_line(refused)
+        assert f"{option}': '{value[:100]}" in refused.stderr
+        assert told in refused.stderr
+        assert len(refused.stderr) < 3000
+    missing = run_here("solve", f"{'d' * 200}/{'e' * 200}/none.txt")
+    assert f"{'d' * 200}/{'e' * 200}/none.txt: no such file" in missing.stderr
+
+
 def test_the_file_and_the_line_at_fault_are_named(tmp_path: Path) -> None:
     source = tmp_path / "bad.txt"
     source.write_text("1 1 1\n0 0 1.0 2.0\n" + "0\n" * 8 + "x\n" + "0\n" * 3)

@@ -181,6 +181,7 @@ def _require_named_topics(reader: Any) -> None:
 def _reader_of(path: Path) -> Callable[[Path], Any]:
     """Class of the library that reads `path`, once it is clear that nothing in it blocks or explodes."""
     try:
+        import yaml  # noqa: F401
         from rosbags.rosbag1 import Reader as Reader1
         from rosbags.rosbag2 import Reader as Reader2
     except ImportError as error:
@@ -245,7 +246,7 @@ def _definitions(ros: int) -> Any:
 
 
 def _bound_expansion() -> Callable[[], None]:
-    """Bound what the library decompresses, until the function returned is called: its own know no limit."""
+    """Bound what the library decompresses and parses, until the function returned is called."""
     tables = _bounded_tables()
     before = [(table, {name: table[name] for name in bounded}) for table, bounded in tables]
     for table, bounded in tables:
@@ -262,14 +263,14 @@ _BOUNDED_EXPANSION = SharedChange(_bound_expansion)
 
 
 def _bounded_tables() -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """Where the library looks up how it decompresses and opens databases, and what is to be found there."""
+    """Where the library looks up how it decompresses, parses and opens databases, and what it shall find."""
     import bz2
     from types import SimpleNamespace
 
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as reader1
     from rosbags.rosbag2 import reader as reader2
-    from rosbags.rosbag2 import storage_mcap
+    from rosbags.rosbag2 import storage_mcap, storage_sqlite3
 
     names = vars(reader2)
     zstd = names["zstd"]
@@ -283,10 +284,33 @@ def _bounded_tables() -> list[tuple[dict[str, Any], dict[str, Any]]]:
     return [
         (reader1.decompressors, {"bz2": of(bz2.BZ2Decompressor), "lz4": of(LZ4FrameDecompressor)}),
         (storage_mcap.DECOMPRESSORS, {"zstd": of(zstd.ZstdDecompressor), "lz4": of(LZ4FrameDecompressor)}),
-        (names, {"zstd": zstd_file}),
+        (names, {"zstd": zstd_file, "YAML": _PlainYaml}),
+        # Qualities of service, a document of YAML for each topic, concern nobody who reads.
+        *((vars(module), {"parse_qos": lambda _: []}) for module in (reader2, storage_mcap, storage_sqlite3)),
         (names["DirectoryReader"].STORAGE_PLUGINS, {"sqlite3": _sqlite_reader}),
         (names["Reader"].STORAGE_PLUGINS, {".db3": _sqlite_reader}),
     ]
+
+
+class _PlainYaml:
+    """In place of the library's loader, which is in Python alone and takes ten times as long."""
+
+    def __init__(self, *, typ: str) -> None:
+        pass
+
+    def load(self, text: str) -> Any:
+        import yaml
+
+        class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+            """Without numbers to the base of 60, which take the square of their length."""
+
+        for kind in (int, float):
+            Loader.add_constructor(f"tag:yaml.org,2002:{kind.__name__}", _scalar_to(kind))
+        return yaml.load(text, Loader=Loader)
+
+
+def _scalar_to(kind: Callable[[str], Any]) -> Callable[[Any, Any], Any]:
+    return lambda loader, node: kind(loader.construct_scalar(node))
 
 
 def _sqlite_reader(path: Path) -> Any:

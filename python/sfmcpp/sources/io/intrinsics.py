@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from itertools import compress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,7 +71,7 @@ def as_perspective(problem: Problem) -> tuple[FloatArray, BoolArray]:
 
 def needed_parameters(values: FloatArray) -> set[str]:
     """Names of the perspective parameters of one row that differ from their defaults."""
-    return {name for name, is_set in zip(PERSPECTIVE, values != _DEFAULTS, strict=True) if is_set}
+    return set(compress(PERSPECTIVE, (values != _DEFAULTS).tolist()))
 
 
 def smallest_model(models: Mapping[str, Collection[str]], values: FloatArray, fixed: BoolArray) -> str | None:
@@ -89,7 +90,7 @@ def smallest_model(models: Mapping[str, Collection[str]], values: FloatArray, fi
         The first model that holds what is set and what is free, else the first that holds what is set.
     """
     needed = needed_parameters(values)
-    free = {name for name, is_fixed in zip(PERSPECTIVE, fixed, strict=True) if not is_fixed}
+    free = set(compress(PERSPECTIVE, (~fixed).tolist()))
     fitting = (
         name for wanted in (needed | free, needed) for name, held in models.items() if wanted <= {*held}
     )
@@ -213,7 +214,7 @@ def _covering_sizes(problem: Problem, centred: bool) -> NDArray[np.int64]:
     """Sizes (G, 2) of images that just cover the observations."""
     sides, reach = (2, np.abs(problem.pixels)) if centred else (1, problem.pixels)
     rows = problem.intrinsics_index[problem.camera_index]
-    largest = largest_of_each(rows, np.ceil(reach), len(problem.intrinsics), least=1.0)
+    largest: FloatArray = np.ceil(largest_of_each(rows, reach, len(problem.intrinsics), least=1.0))
     return np.minimum(sides * largest, LARGEST_COUNT).astype(np.int64)
 
 

@@ -136,16 +136,20 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
         raise InvalidArgument(
             f"metadata {KEYPOINTS} has {len(ranks)} entries: must be {problem.num_observations}"
         )
-    image = np.concatenate([problem.camera_index, loose])
+    image = _with_more(problem.camera_index, loose)
     _, name, of_pixels = LOOSE
-    index = np.concatenate([ranks, index_array(f"metadata {name}", extra.get(name, ()))])
+    index = _with_more(ranks, index_array(f"metadata {name}", extra.get(name, ())))
     counts = np.bincount(image, minlength=problem.num_cameras)
-    place = exclusive_sums(counts)[image] + index
-    if ((index < 0) | (index >= counts[image])).any() or not _is_permutation(place):
+    place = exclusive_sums(counts).take(image) + index
+    if ((index < 0) | (index >= counts.take(image))).any() or (order := _inverse(place)).min(initial=0) < 0:
         raise InvalidArgument(f"metadata {KEYPOINTS} does not number each image's keypoints once")
-    pixels = np.empty((len(place), 2))
-    pixels[place] = np.concatenate([problem.pixels, extra.get(of_pixels, np.empty((0, 2)))])
-    return counts, pixels, place[: problem.num_observations]
+    pixels = _with_more(problem.pixels, extra.get(of_pixels, np.empty((0, 2))))
+    return counts, pixels.take(order, axis=0), place[: problem.num_observations]
+
+
+def _with_more(rows: NDArray[Any], more: NDArray[Any]) -> NDArray[Any]:
+    """Both in one array, which is no copy where there are no more."""
+    return np.concatenate([rows, more]) if len(more) else rows
 
 
 def _images_of_loose_keypoints(problem: Problem) -> IndexArray:
@@ -157,11 +161,11 @@ def _images_of_loose_keypoints(problem: Problem) -> IndexArray:
     return loose
 
 
-def _is_permutation(places: NDArray[np.int64]) -> bool:
-    """Whether all of the numbers 0, 1, … occur, given that none is larger than they are many."""
-    found = np.zeros(len(places), dtype=np.bool_)
-    found[places] = True
-    return bool(found.all())
+def _inverse(places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where each of the numbers 0, 1, … is in `places`, of which none is larger than they are many; or −1."""
+    order = np.full(len(places), -1)
+    order[places] = np.arange(len(places))
+    return order
 
 
 _DTYPES = {"d": np.int64, "r": np.float64}

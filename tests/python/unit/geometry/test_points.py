@@ -14,6 +14,7 @@ import sfmcpp
 from random_scenes import Array, ragged_problem, residuals_of, views_of
 from sfmcpp import InvalidArgument, Problem, circle_scene
 from sfmcpp.geometry import (
+    _tracks,
     depths,
     refine_points,
     reliable_points,
@@ -200,6 +201,19 @@ def test_pieces_do_not_change_the_angles(monkeypatch: pytest.MonkeyPatch, pairs_
     monkeypatch.setattr("sfmcpp.geometry.point_tests._PAIRS_AT_ONCE", pairs_at_once)
     np.testing.assert_array_equal(triangulation_angles_deg(problem, problem.points), expected)
     assert (expected > 0).all()
+
+
+def test_pieces_do_not_change_a_bit_of_points_in_cameras(monkeypatch: pytest.MonkeyPatch) -> None:
+    problem = ragged_problem(6, 40)
+    points = problem.points.copy()
+    points[3], points[4] = np.nan, np.inf
+    offsets = points[problem.point_index] - problem.centres[problem.camera_index]
+    expected = np.einsum("mij,mi->mj", problem.rotations[problem.camera_index], offsets)
+    errors = reprojection_errors_px(problem, points)
+    for size in (1, 7, len(expected)):
+        monkeypatch.setattr(_tracks, "_OBSERVATIONS_AT_ONCE", size)
+        np.testing.assert_array_equal(_tracks.points_in_cameras(problem, points), expected)
+        np.testing.assert_array_equal(reprojection_errors_px(problem, points), errors)
 
 
 def test_points_at_infinity_are_not_reliable_and_have_no_error_that_is_not_a_number() -> None:

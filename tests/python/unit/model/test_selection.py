@@ -11,6 +11,7 @@ import pytest
 
 import sfmcpp
 from sfmcpp import InvalidArgument, Metadata, Problem, Rigs
+from sfmcpp.model.arrays import largest_of_each
 from sfmcpp.sfm import georeference
 
 WAYS: dict[str, Callable[[Problem], Problem]] = {
@@ -272,3 +273,13 @@ def test_a_name_of_several_images_is_that_of_none() -> None:
     assert problem.with_cameras(["c.jpg", "b.jpg"]).metadata.image_names == ["c.jpg", "b.jpg"]
     with pytest.raises(InvalidArgument, match=r"chosen: 2 images are called 'a\.jpg'"):
         problem.with_cameras(["a.jpg"])
+
+
+@pytest.mark.parametrize("shape", [(), (2,)])
+def test_the_largest_of_each_group_is_that_of_its_rows(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    group, values = rng.integers(0, 4, 50), rng.normal(size=(50, *shape))
+    group[group == 1] = 3
+    expected = [values[group == g].max(axis=0, initial=0.5) for g in range(4)]
+    np.testing.assert_array_equal(largest_of_each(group, values, 4, least=0.5), expected)
+    assert largest_of_each(group[:0], values[:0], 0).shape == (0, *shape)

@@ -113,14 +113,15 @@ def held_by(models: Mapping[str, ColmapModel]) -> dict[str, tuple[str, ...]]:
 def intrinsics_from_params(models: list[str], params: list[list[float]]) -> tuple[FloatArray, BoolArray]:
     """Intrinsics (G, K) in the order of the perspective model, and which of them stay fixed."""
     values, fixed = perspective_rows(len(models)), fixed_but(len(models))
-    for row, (name, numbers) in enumerate(zip(models, params, strict=True)):
-        model = READ_MODELS[name]
+    for name in dict.fromkeys(models):
+        model, rows = READ_MODELS[name], [row for row, other in enumerate(models) if other == name]
+        numbers = np.array([params[row] for row in rows]).T
         named = dict(zip(model.params, numbers, strict=True))
-        named = {param: value for param, value in named.items() if param not in _DIVISOR}
         if model.has_aspect:
-            named["aspect"] = float(np.float64(named.pop("fy")) / named["f"])
-        values[row, perspective_columns(*named)] = list(named.values())
-        fixed[row, perspective_columns(*model.free)] = False
+            named["aspect"] = named.pop("fy") / named["f"]
+        for param in named.keys() - _DIVISOR:
+            values[rows, PERSPECTIVE.index(param)] = named[param]
+        fixed[np.ix_(rows, perspective_columns(*model.free))] = False
     return values, fixed
 
 

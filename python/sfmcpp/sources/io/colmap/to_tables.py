@@ -89,7 +89,7 @@ def tables_from_problem(problem: Problem, folder: Path) -> Tables:
         colors=point_colors(problem, (0, 0, 0), folder),
         errors=np.where(np.isfinite(errors), errors, _UNKNOWN_ERROR),
         track_counts=counts,
-        track_images=images.ids[problem.camera_index[order]],
+        track_images=images.ids.take(problem.camera_index[order]),
         track_keypoints=keypoint_index[order],
     )
     tables = Tables(cameras, images, points)
@@ -156,12 +156,14 @@ def _models(problem: Problem, values: FloatArray, fixed: BoolArray, folder: Path
         names = [""] * len(values)
     require_metadata_length("colmap_camera_models", names, len(values), folder)
     models = models_of(problem)
+    held = held_by(models)
     rows = enumerate(zip(names, values, fixed, strict=True))
-    return [_model(models, row, *columns, folder) for row, columns in rows]
+    return [_model(models, held, row, *columns, folder) for row, columns in rows]
 
 
 def _model(
     models: Mapping[str, ColmapModel],
+    held: Mapping[str, tuple[str, ...]],
     row: int,
     known: str,
     values: FloatArray,
@@ -169,7 +171,6 @@ def _model(
     folder: Path,
 ) -> str:
     """Choose the model the row came with if it still holds its values, else the smallest that does."""
-    held = held_by(models)
     if known in held and needed_parameters(values) <= set(held[known]):
         return known
     name = model_of_row(row, held, values, fixed, folder)
@@ -187,9 +188,9 @@ def _images(
         counts, keypoints, rows = all_keypoints(problem)
     except InvalidArgument as error:
         raise DatasetError(folder, str(error)) from error
-    keypoints = keypoints + np.repeat(lenses.origin[problem.intrinsics_index], counts, axis=0)
+    keypoints += np.repeat(lenses.origin[problem.intrinsics_index], counts, axis=0)
     keypoint_points = np.full(len(keypoints), NO_POINT)
-    keypoint_points[rows] = point_ids[problem.point_index]
+    keypoint_points[rows] = point_ids.take(problem.point_index)
     images = ImageTable(
         folder,
         None,
@@ -202,7 +203,7 @@ def _images(
         keypoints=keypoints,
         keypoint_points=keypoint_points,
     )
-    return images, rows - exclusive_sums(counts)[problem.camera_index]
+    return images, rows - exclusive_sums(counts).take(problem.camera_index)
 
 
 def _names(problem: Problem, folder: Path) -> list[str]:

@@ -180,6 +180,20 @@ def test_metadata_that_explode_are_refused(tmp_path: Path) -> None:
     require_refused(path, "holds more than")
 
 
+@pytest.mark.parametrize("name", ["plain.db3", "plain.mcap"])
+def test_metadata_are_not_parsed_in_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr("ruamel.yaml.YAML.load", lambda *_: pytest.fail("a megabyte takes half a minute"))
+    path = write(tmp_path, name)
+    text = (path / "metadata.yaml").read_text()
+    assert "offered_qos_profiles" in text
+    with open_bag(path) as bag:
+        assert {topic.name: topic.count for topic in bag.topics} == {"/image": 1, "/imu": 4}
+    (path / "metadata.yaml").write_text(text.replace("message_count: 4", f"message_count: {'1:' * 999}1"))
+    require_refused(path, "invalid literal")
+
+
 ENDLESS = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT max(x) FROM n"
 
 
