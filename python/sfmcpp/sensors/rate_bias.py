@@ -7,14 +7,14 @@ is right to a milliradian or two where it is not wrong altogether.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import checked
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.rotation_check import turns_at_offsets
 from sfmcpp.sensors.stream import require_kind
@@ -46,6 +46,43 @@ _OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 _MEDIAN_LENGTH = 1.538
 # Rounds of reweighting.
 _ROUNDS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class RateBias:
+    """A bias of angular rates that is known at some times.
+
+    Attributes
+    ----------
+    t_s : (k,) float64
+        These times, increasing [s].
+    rates_rad_s : (k, 3) float64
+        The bias then, in the axes of the body [rad/s].
+    """
+
+    t_s: FloatArray
+    rates_rad_s: FloatArray
+
+    def at(self, t_s: FloatArray) -> FloatArray:
+        """The bias (n, 3) at times (n,): linear between those known, constant before and after [rad/s]."""
+        return np.column_stack([np.interp(t_s, self.t_s, column) for column in self.rates_rad_s.T])
+
+    def plus(self, rate_rad_s: FloatArray) -> RateBias:
+        """The same with a constant bias (3,) beside it."""
+        return RateBias(self.t_s, self.rates_rad_s + rate_rad_s)
+
+    def differs_from(self, other: RateBias | None, largest_rad_s: float) -> bool:
+        """Whether it differs by more than that at any time from another one, or from none."""
+        t_s = np.union1d(self.t_s, [] if other is None else other.t_s)
+        rates = self.at(t_s) - (0.0 if other is None else other.at(t_s))
+        return bool(np.linalg.norm(rates, axis=1).max() > largest_rad_s)
+
+    @property
+    def complaint(self) -> str:
+        """What is removed."""
+        sizes = np.degrees(np.linalg.norm(self.rates_rad_s, axis=1))
+        told = " to ".join(dict.fromkeys(f"{size:.1f}" for size in (sizes.min(), sizes.max())))
+        return f"a bias of {told}°/s is removed from its rates"
 
 
 @checked()
@@ -90,15 +127,15 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     return np.asarray(mounting.camera_from_body.T @ rate)
 
 
-@checked(rate_rad_s=(3,))
-def without_bias(stream: SensorStream, rate_rad_s: FloatArray) -> SensorStream:
+@checked()
+def without_bias(stream: SensorStream, bias: FloatArray | RateBias) -> SensorStream:
     """The stream without a bias.
 
     Parameters
     ----------
     stream : SensorStream
         Of kind ``"angular_rate"``.
-    rate_rad_s : (3,) float64
+    bias : (3,) float64 or RateBias
         What to take from its rates [rad/s].
 
     Returns
@@ -111,7 +148,8 @@ def without_bias(stream: SensorStream, rate_rad_s: FloatArray) -> SensorStream:
         If the stream is of another kind.
     """
     require_kind(stream, "angular_rate")
-    return replace(stream, values=stream.values - rate_rad_s)
+    rates = bias.at(stream.t_s) if isinstance(bias, RateBias) else finite_array("bias", bias, (3,))
+    return replace(stream, values=stream.values - rates)
 
 
 def durations_s(turns: Sequence[Turn]) -> FloatArray:

@@ -50,6 +50,17 @@ def calibrate(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) 
         _renew_constraints(result, sensors)
 
 
+def calibrate_at_rest(
+    result: SlamResult, frame: Frame | None, sensors: SensorSuite, settings: SlamSettings
+) -> None:
+    """Correct the biases of gyroscopes where the camera stands still until the next `frame`, or the end.
+
+    As :func:`calibrate`; before there is a map, too: most drives begin with a vehicle that stands.
+    """
+    if settings.trusts_declared and sensors.rests_before(frame) and result.world is not None:
+        _renew_constraints(result, sensors)
+
+
 def _set_clocks(result: SlamResult, sensors: SensorSuite) -> bool:
     """Set clocks by pairs of images, and every few keyframes by the latest frames; whether any was off."""
     world = result.world

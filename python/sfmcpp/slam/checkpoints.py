@@ -18,12 +18,13 @@ from sfmcpp.model import Gap
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
-from sfmcpp.sensors import Turn
+from sfmcpp.sensors import RateBias, Turn
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.measurement import Measurement, MotionSensor
 from sfmcpp.slam.path import Path
 from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, SlamResult
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.standstill import Standstill
 from sfmcpp.slam.world_map import Keyframe, WeightedMeasurement, WorldMap
 from sfmcpp.sources.frames import FrameSource
 
@@ -42,8 +43,10 @@ _CLASSES = (
     KeyframeRecord,
     Measurement,
     Path,
+    RateBias,
     RightView,
     SlamResult,
+    Standstill,
     Table,
     Tracks,
     Turn,

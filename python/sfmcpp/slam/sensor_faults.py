@@ -126,9 +126,7 @@ def _conflicts(sensors: SensorSuite) -> list[str]:
 
 def _biased_and_dead(sensors: SensorSuite, turns: Sequence[Turn]) -> list[str]:
     biases = [
-        f"{name}: a bias of {np.degrees(np.linalg.norm(rate)):.1f}°/s is removed from its rates"
-        for name, rate in sensors.biases.items()
-        if name not in sensors.drifts
+        f"{name}: {bias.complaint}" for name, bias in sensors.biases.items() if name not in sensors.drifts
     ]
     biases += [f"{name}: {drift.complaint}" for name, drift in sensors.drifts.items()]
     dead = [

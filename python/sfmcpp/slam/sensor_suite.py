@@ -13,10 +13,14 @@ from numpy.typing import ArrayLike
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.frames import Frame
 from sfmcpp.sensors import (
+    Mounting,
+    RateBias,
     RotationCheck,
     Slip,
     Turn,
+    bias_at_rest,
     check_rotations,
     check_turns,
     find_bias,
@@ -28,12 +32,15 @@ from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
 from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.standstill import Standstill
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
 _Sensor = TypeVar("_Sensor", Odometer, Gyroscope, Gps, Ins)
 # Estimates of a bias that differ by less count as the same [rad/s].
 _SAME_BIAS_RAD_S = float(np.radians(0.1))
+# A body that an odometer moves faster than this does not rest, whatever the images show [m/s].
+_AT_REST_M_S = 0.2
 # A clock is estimated from the rotations of so many pairs of images, the latest.
 _LAST_TURNS = 48
 # Clock offsets up to this are tried [s].
@@ -45,6 +52,9 @@ _STATE = (
     "moved_s",
     "in_time",
     "biases",
+    "biases_at_start",
+    "standstill",
+    "rests",
     "turns",
     "turns_until_s",
     "steps",
@@ -78,8 +88,11 @@ class SensorSuite:
         self.experience: dict[str, Experience] = {}
         # What was added to the stamps of each, by name [s].
         self.moved_s: dict[str, float] = {}
-        # What was subtracted from the rates of each gyroscope, by name [rad/s].
-        self.biases: dict[str, FloatArray] = {}
+        # What was subtracted from the rates of each gyroscope, by name, and before the map began.
+        self.biases: dict[str, RateBias] = {}
+        self.biases_at_start: dict[str, RateBias] = {}
+        # When the camera stood still.
+        self.standstill, self.rests = Standstill(), list[Gap]()
         # Slow slips of odometers and biases that change, by name; known at the end of the run.
         self.slips: dict[str, Slip] = {}
         self.drifts: dict[str, RateDrift] = {}
@@ -250,40 +263,74 @@ class SensorSuite:
             Whether any rates have changed.
         """
         self.turns, self.turns_until_s = [*self.turns, *turns], until_s
+        return self._learn_biases()
+
+    def rests_before(self, frame: Frame | None) -> bool:
+        """Whether rates have changed, as the camera stood still until the next `frame`, or the end."""
+        if not any(map(has_rates, self.given)):
+            return False
+        rest = self.standstill.take(frame)
+        if rest is None or self._drives(rest):
+            return False
+        self.rests.append(rest)
+        return self._learn_biases()
+
+    def begin(self) -> None:
+        """Note what is known as the map begins: by that nothing is bent."""
+        self.biases_at_start = dict(self.biases)
+
+    @property
+    def late_biases(self) -> list[str]:
+        """Names of the gyroscopes whose bias was learnt, or changed, after the map began."""
+        start = self.biases_at_start
+        return [name for name, bias in self.biases.items() if bias is not start.get(name)]
+
+    def _drives(self, rest: Gap) -> bool:
+        """Whether an odometer says so, as behind a lorry that fills the image."""
+        distance = self.distance(rest.start_s, rest.end_s)
+        return distance is not None and distance > _AT_REST_M_S * (rest.end_s - rest.start_s)
+
+    def _learn_biases(self) -> bool:
+        """Estimate the biases of gyroscopes, and subtract them; whether any rates have changed."""
         known = dict(self.biases)
         for sensor in self.given:
             if has_rates(sensor):
                 in_step = self._on_camera_clock(sensor.name, sensor.stream)
-                self._learn_bias(sensor.name, find_bias(in_step, sensor.mounting, self.turns))
+                self._learn_bias(sensor.name, self._bias_of(in_step, sensor.mounting))
         changed = any(bias is not known.get(name) for name, bias in self.biases.items())
         if changed:
             self._apply_corrections()
             self._forget_experience(self.biases.keys() - known.keys())
         return changed
 
+    def _bias_of(self, stream: SensorStream, mounting: Mounting) -> RateBias | None:
+        """The bias at rest, and what pairs of images show beside it."""
+        at_rest = bias_at_rest(stream, self.rests)
+        rest = stream if at_rest is None else without_bias(stream, at_rest)
+        more = find_bias(rest, mounting, self.turns)
+        if more is None or at_rest is None:
+            return at_rest if more is None else RateBias(np.zeros(1), more[None])
+        return at_rest.plus(more)
+
     def find_drifts(self) -> None:
         """Find gyroscopes whose bias changes, by all pairs of images of the run."""
         found = {s.name: find_drift(s.stream, s.mounting, self.turns) for s in self.sensors if has_rates(s)}
         self.drifts = {name: drift for name, drift in found.items() if drift is not None}
 
-    def _learn_bias(self, name: str, found: FloatArray | None) -> None:
-        known = self.biases.get(name, np.zeros(3))
-        if found is not None and np.linalg.norm(found - known) > _SAME_BIAS_RAD_S:
+    def _learn_bias(self, name: str, found: RateBias | None) -> None:
+        if found is not None and found.differs_from(self.biases.get(name), _SAME_BIAS_RAD_S):
             self.biases[name] = found
 
     def _apply_corrections(self) -> None:
         """Make the sensors those given, with their clocks set, and without spikes and biases of rates."""
-        self.sensors = tuple(
-            replace(sensor, stream=self._corrected(sensor.name, sensor.stream))
-            if has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)
-            else sensor
-            for sensor in self.given
-        )
+        self.sensors = tuple(map(self._corrected, self.given))
 
-    def _corrected(self, name: str, stream: SensorStream) -> SensorStream:
-        known = self.biases.get(name)
-        in_step = self._on_camera_clock(name, stream)
-        return in_step if known is None else without_bias(in_step, known)
+    def _corrected(self, sensor: MotionSensor) -> MotionSensor:
+        if not (has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)):
+            return sensor
+        known = self.biases.get(sensor.name)
+        in_step = self._on_camera_clock(sensor.name, sensor.stream)
+        return replace(sensor, stream=in_step if known is None else without_bias(in_step, known))
 
     def _on_camera_clock(self, name: str, stream: SensorStream) -> SensorStream:
         """A stream on the camera's clock, as far as that is known; rates without their spikes."""

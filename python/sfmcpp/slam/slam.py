@@ -18,7 +18,7 @@ from sfmcpp.model.checks import require_finite, require_near
 from sfmcpp.model.frames import Frame, View, checked_view, common
 from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_latest_frame
 from sfmcpp.slam.bridging import Follower, Step, rejoin
-from sfmcpp.slam.calibration import calibrate
+from sfmcpp.slam.calibration import calibrate, calibrate_at_rest
 from sfmcpp.slam.check_positions import check_positions
 from sfmcpp.slam.checkpoints import State
 from sfmcpp.slam.corrected_sensors import corrected_in_hindsight
@@ -172,6 +172,7 @@ class Slam:
         if not self.result.path.times:
             self.result.warnings += faults_of_epochs(self._sensors, frame.t_s)
         self.result.path.times[frame.number] = frame.t_s
+        calibrate_at_rest(self.result, frame, self._sensors, self.settings)
         if self.result.world is None:
             self._start(frame)
             return
@@ -195,6 +196,7 @@ class Slam:
         """Finish after the last frame: adjust all keyframes, and report faults of the sensors."""
         self._finished = True
         self._tell([])
+        calibrate_at_rest(self.result, None, self._sensors, self.settings)
         unscaled = place_at_end(self.result, self._sensors, self.settings)
         finish_map(self.result, self.settings)
         times = list(self.result.path.times.values())
@@ -242,6 +244,7 @@ class Slam:
             self.result.message = initialiser.reason
             return
         self.result.path.world, self.result.message = world, ""
+        self._sensors.begin()
         self._relocate(initialiser.frames, world)
         self._initialiser = None
 

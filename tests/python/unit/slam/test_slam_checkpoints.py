@@ -12,6 +12,7 @@ import pytest
 
 import test_absolute_sensors as absolute
 import test_restart as restart
+import test_standstill as standstill
 import test_stereo as stereo
 from sfmcpp import CheckpointFolder, DatasetError, InvalidArgument
 from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore, Where
@@ -58,11 +59,17 @@ def with_a_bias() -> Run:
     return drive.sequence, [Gyroscope(biased, AT_CAMERA)]
 
 
+def biased_with_rests() -> Run:
+    drive = standstill.with_pauses(0, 50)
+    return drive.sequence, standstill.biased(drive)
+
+
 RUNS: dict[str, Callable[[], Run]] = {
     "torn": lambda: (restart.cut_sequence(blind=3), [restart.odometer()]),
     "winding": winding_road,
     "late": late,
     "bias": with_a_bias,
+    "bias at rest": biased_with_rests,
     "positions": with_positions,
     "stereo": lambda: (stereo.sequence(), []),
 }
