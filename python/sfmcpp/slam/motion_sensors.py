@@ -190,7 +190,7 @@ class Gyroscope:
         estimated during the run. Of KITTI's navigation unit, against its own filtered poses: 0.6 to 2.3 mrad
         root mean square over 0.2 s, 0.8 to 3 over 0.5 s, 1.0 to 3.9 over 1 s (drives 0001, 0027, 0036, 0039).
     drift_rad_sqrt_s : float
-        A further random walk [rad/√s].
+        A further random walk [rad/√s]; in a run at least 0.004 once a bias was removed, as that will change.
 
     Raises
     ------

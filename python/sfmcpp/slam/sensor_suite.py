@@ -39,6 +39,9 @@ _Answer = TypeVar("_Answer")
 _Sensor = TypeVar("_Sensor", Odometer, Gyroscope, Gps, Ins)
 # Estimates of a bias that differ by less count as the same [rad/s].
 _SAME_BIAS_RAD_S = float(np.radians(0.1))
+# A gyroscope that has a bias is none of a navigation unit: its bias changes, too. Its rotations wander by at
+# least so much more [rad/√s].
+_WALK_RAD_SQRT_S = 0.004
 # A body that an odometer moves faster than this does not rest, whatever the images show [m/s].
 _AT_REST_M_S = 0.2
 # A clock is estimated from the rotations of so many pairs of images, the latest.
@@ -323,7 +326,10 @@ class SensorSuite:
 
     def _apply_corrections(self) -> None:
         """Make the sensors those given, with their clocks set, and without spikes and biases of rates."""
-        self.sensors = tuple(map(self._corrected, self.given))
+        self.sensors = tuple(
+            _less_certain(corrected) if corrected.name in self.biases and has_rates(corrected) else corrected
+            for corrected in map(self._corrected, self.given)
+        )
 
     def _corrected(self, sensor: MotionSensor) -> MotionSensor:
         if not (has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)):
@@ -380,6 +386,11 @@ class SensorSuite:
 def has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:
     """Whether a sensor measures angular rates, which may have spikes and a bias."""
     return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
+
+
+def _less_certain(gyro: Gyroscope) -> Gyroscope:
+    """The gyroscope as one whose bias changes."""
+    return replace(gyro, drift_rad_sqrt_s=max(gyro.drift_rad_sqrt_s, _WALK_RAD_SQRT_S))
 
 
 def _first_not_none(answers: Iterable[_Answer | None]) -> _Answer | None:

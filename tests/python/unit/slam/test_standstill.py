@@ -108,6 +108,17 @@ def test_a_small_bias_is_removed_where_the_camera_stands(pauses: tuple[int, ...]
     assert drive.errors(mended)[1] < drive.errors(right)[1] + np.radians(0.1)
 
 
+def test_a_gyroscope_that_had_a_bias_is_less_certain() -> None:
+    drive = with_pauses(0)
+    suites = [SensorSuite(sensors) for sensors in (biased(drive), [Gyroscope(drive.gyro, AT_CAMERA)])]
+    for frame in list(drive.sequence)[: PAUSE + 5]:
+        for suite in suites:
+            suite.rests_before(frame)
+    with_bias, without = (suite.measure(0.0, 0.5, np.eye(3), metric=False) for suite in suites)
+    assert without[0].sigma == pytest.approx(0.001)
+    assert with_bias[0].sigma == pytest.approx(np.hypot(0.001, 0.004 * np.sqrt(0.5)))
+
+
 def test_a_body_that_an_odometer_moves_does_not_rest() -> None:
     """Behind a lorry that fills the image."""
     drive = with_pauses(0)
