@@ -52,9 +52,9 @@ class RateDrift:
 
     @property
     def complaint(self) -> str:
-        """What is removed."""
+        """A clause that describes it."""
         change = np.degrees(np.linalg.norm(self.change_rad_s2)) * self.seconds
-        return f"a bias that changes by {change:.1f}°/s in {self.seconds:.0f} s is removed from its rates"
+        return f"its bias changes by {change:.1f}°/s in {self.seconds:.0f} s"
 
 
 @checked()

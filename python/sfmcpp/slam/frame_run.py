@@ -109,7 +109,7 @@ def _repeated_with_corrections(
             break
         again = _run_again(latest, source, frames, sensors, callback)
         if again is None:
-            break
+            return slam
         sensors = again.in_hindsight()
         if sensors is None:
             # Its own warnings are of samples that the corrections took away.
@@ -119,6 +119,8 @@ def _repeated_with_corrections(
             break
         latest = again
         warnings += [told for told in again.result.warnings if told not in warnings]
+    if sensors is not None:
+        slam.result.warnings.append("a run without what was wrong found more, and was not kept")
     return slam
 
 
