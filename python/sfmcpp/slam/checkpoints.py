@@ -22,6 +22,7 @@ from sfmcpp.sensors import RateBias, Turn
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.measurement import Measurement, MotionSensor
 from sfmcpp.slam.path import Path
+from sfmcpp.slam.rate_biases import RateBiases
 from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.standstill import Standstill
@@ -44,6 +45,7 @@ _CLASSES = (
     Measurement,
     Path,
     RateBias,
+    RateBiases,
     RightView,
     SlamResult,
     Standstill,

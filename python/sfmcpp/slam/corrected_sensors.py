@@ -41,7 +41,7 @@ def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[Mo
     # say nothing against sensors.
     is_bent = turns or sensors.slips or sensors.drifts
     wrong = dead_odometers(sensors, sensors.turns) or ({} if is_bent else _denied_stretches(sensors))
-    if not {*wrong, *turns, *sensors.moved_s, *sensors.late_biases, *sensors.drifts, *sensors.slips}:
+    if not {*wrong, *turns, *sensors.moved_s, *sensors.biases.late, *sensors.drifts, *sensors.slips}:
         return None
     kept = []
     for sensor in sensors.sensors:

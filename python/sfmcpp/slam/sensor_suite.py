@@ -15,15 +15,12 @@ from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame
 from sfmcpp.sensors import (
-    Mounting,
     RateBias,
     RotationCheck,
     Slip,
     Turn,
-    bias_at_rest,
     check_rotations,
     check_turns,
-    find_bias,
     without_bias,
     without_spikes,
 )
@@ -32,13 +29,11 @@ from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
 from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
-from sfmcpp.slam.standstill import Standstill
+from sfmcpp.slam.rate_biases import RateBiases
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
 _Sensor = TypeVar("_Sensor", Odometer, Gyroscope, Gps, Ins)
-# Estimates of a bias that differ by less count as the same [rad/s].
-_SAME_BIAS_RAD_S = float(np.radians(0.1))
 # A gyroscope that has a bias is none of a navigation unit: its bias changes, too. Its rotations wander by at
 # least so much more [rad/√s].
 _WALK_RAD_SQRT_S = 0.004
@@ -55,9 +50,6 @@ _STATE = (
     "moved_s",
     "in_time",
     "biases",
-    "biases_at_start",
-    "standstill",
-    "rests",
     "turns",
     "turns_until_s",
     "steps",
@@ -91,11 +83,8 @@ class SensorSuite:
         self.experience: dict[str, Experience] = {}
         # What was added to the stamps of each, by name [s].
         self.moved_s: dict[str, float] = {}
-        # What was subtracted from the rates of each gyroscope, by name, and before the map began.
-        self.biases: dict[str, RateBias] = {}
-        self.biases_at_start: dict[str, RateBias] = {}
-        # When the camera stood still.
-        self.standstill, self.rests = Standstill(), list[Gap]()
+        # What was subtracted from the rates of each gyroscope.
+        self.biases = RateBiases()
         # Slow slips of odometers and biases that change, by name; known at the end of the run.
         self.slips: dict[str, Slip] = {}
         self.drifts: dict[str, RateDrift] = {}
@@ -272,21 +261,11 @@ class SensorSuite:
         """Whether rates have changed, as the camera stood still until the next `frame`, or the end."""
         if not any(map(has_rates, self.given)):
             return False
-        rest = self.standstill.take(frame)
+        rest = self.biases.standstill.take(frame)
         if rest is None or self._drives(rest):
             return False
-        self.rests.append(rest)
+        self.biases.rests.append(rest)
         return self._learn_biases()
-
-    def begin(self) -> None:
-        """Note what is known as the map begins: by that nothing is bent."""
-        self.biases_at_start = dict(self.biases)
-
-    @property
-    def late_biases(self) -> list[str]:
-        """Names of the gyroscopes whose bias was learnt, or changed, after the map began."""
-        start = self.biases_at_start
-        return [name for name, bias in self.biases.items() if bias is not start.get(name)]
 
     def _drives(self, rest: Gap) -> bool:
         """Whether an odometer says so, as behind a lorry that fills the image."""
@@ -295,48 +274,31 @@ class SensorSuite:
 
     def _learn_biases(self) -> bool:
         """Estimate the biases of gyroscopes, and subtract them; whether any rates have changed."""
-        known = dict(self.biases)
+        before, changed = set(self.biases.known), False
         for sensor in self.given:
             if has_rates(sensor):
                 in_step = self._on_camera_clock(sensor.name, sensor.stream)
-                self._learn_bias(sensor.name, self._bias_of(in_step, sensor.mounting))
-        changed = any(bias is not known.get(name) for name, bias in self.biases.items())
+                changed |= self.biases.learn(sensor.name, in_step, sensor.mounting, self.turns)
         if changed:
             self._apply_corrections()
-            self._forget_experience(self.biases.keys() - known.keys())
+            self._forget_experience(self.biases.known.keys() - before)
         return changed
-
-    def _bias_of(self, stream: SensorStream, mounting: Mounting) -> RateBias | None:
-        """The bias at rest, and what pairs of images show beside it."""
-        at_rest = bias_at_rest(stream, self.rests)
-        rest = stream if at_rest is None else without_bias(stream, at_rest)
-        more = find_bias(rest, mounting, self.turns)
-        if more is None or at_rest is None:
-            return at_rest if more is None else RateBias(np.zeros(1), more[None])
-        return at_rest.plus(more)
 
     def find_drifts(self) -> None:
         """Find gyroscopes whose bias changes, by all pairs of images of the run."""
         found = {s.name: find_drift(s.stream, s.mounting, self.turns) for s in self.sensors if has_rates(s)}
         self.drifts = {name: drift for name, drift in found.items() if drift is not None}
 
-    def _learn_bias(self, name: str, found: RateBias | None) -> None:
-        if found is not None and found.differs_from(self.biases.get(name), _SAME_BIAS_RAD_S):
-            self.biases[name] = found
-
     def _apply_corrections(self) -> None:
         """Make the sensors those given, with their clocks set, and without spikes and biases of rates."""
-        self.sensors = tuple(
-            _less_certain(corrected) if corrected.name in self.biases and has_rates(corrected) else corrected
-            for corrected in map(self._corrected, self.given)
-        )
+        self.sensors = tuple(map(self._corrected, self.given))
 
     def _corrected(self, sensor: MotionSensor) -> MotionSensor:
         if not (has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)):
             return sensor
-        known = self.biases.get(sensor.name)
-        in_step = self._on_camera_clock(sensor.name, sensor.stream)
-        return replace(sensor, stream=in_step if known is None else without_bias(in_step, known))
+        in_step = replace(sensor, stream=self._on_camera_clock(sensor.name, sensor.stream))
+        bias = self.biases.known.get(sensor.name)
+        return _without_bias(in_step, bias) if bias is not None and has_rates(in_step) else in_step
 
     def _on_camera_clock(self, name: str, stream: SensorStream) -> SensorStream:
         """A stream on the camera's clock, as far as that is known; rates without their spikes."""
@@ -388,9 +350,10 @@ def has_rates(sensor: MotionSensor) -> TypeGuard[Gyroscope]:
     return isinstance(sensor, Gyroscope) and sensor.stream.kind == "angular_rate"
 
 
-def _less_certain(gyro: Gyroscope) -> Gyroscope:
-    """The gyroscope as one whose bias changes."""
-    return replace(gyro, drift_rad_sqrt_s=max(gyro.drift_rad_sqrt_s, _WALK_RAD_SQRT_S))
+def _without_bias(gyro: Gyroscope, bias: RateBias) -> Gyroscope:
+    """The gyroscope without a bias, as one whose bias changes."""
+    walk = max(gyro.drift_rad_sqrt_s, _WALK_RAD_SQRT_S)
+    return replace(gyro, stream=without_bias(gyro.stream, bias), drift_rad_sqrt_s=walk)
 
 
 def _first_not_none(answers: Iterable[_Answer | None]) -> _Answer | None:

@@ -244,7 +244,7 @@ class Slam:
             self.result.message = initialiser.reason
             return
         self.result.path.world, self.result.message = world, ""
-        self._sensors.begin()
+        self._sensors.biases.begin()
         self._relocate(initialiser.frames, world)
         self._initialiser = None
 

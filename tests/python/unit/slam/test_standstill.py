@@ -127,4 +127,4 @@ def test_a_body_that_an_odometer_moves_does_not_rest() -> None:
         suite = SensorSuite([Odometer(odometer), *biased(drive)])
         for frame in list(drive.sequence)[: PAUSE + 5]:
             suite.rests_before(frame)
-        assert len(suite.rests) == rests
+        assert len(suite.biases.rests) == rests

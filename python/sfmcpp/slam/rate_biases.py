@@ -1,0 +1,63 @@
+"""Biases of the gyroscopes of a run: where the camera stands, and by pairs of images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sfmcpp.model import Gap, SensorStream
+from sfmcpp.sensors import Mounting, RateBias, Turn, bias_at_rest, find_bias, without_bias
+from sfmcpp.slam.standstill import Standstill
+
+# Estimates of a bias that differ by less count as the same [rad/s].
+_SAME_RAD_S = float(np.radians(0.1))
+
+
+@dataclass
+class RateBiases:
+    """What a run has learnt of the biases of its gyroscopes.
+
+    Attributes
+    ----------
+    known : dict of RateBias
+        What is to be taken from the rates, by name.
+    at_start : dict of RateBias
+        The same as the map began: by that nothing is bent.
+    standstill : Standstill
+        The frames in a row in which the camera stands.
+    rests : list of Gap
+        When it stood, in the order of time.
+    """
+
+    known: dict[str, RateBias] = field(default_factory=dict)
+    at_start: dict[str, RateBias] = field(default_factory=dict)
+    standstill: Standstill = field(default_factory=Standstill)
+    rests: list[Gap] = field(default_factory=list)
+
+    def learn(self, name: str, stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> bool:
+        """Estimate the bias of the gyroscope of that name anew; whether it has changed."""
+        found = self._bias_of(stream, mounting, turns)
+        if found is None or not found.differs_from(self.known.get(name), _SAME_RAD_S):
+            return False
+        self.known[name] = found
+        return True
+
+    def _bias_of(self, stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> RateBias | None:
+        """The bias at rest, and what pairs of images show beside it."""
+        at_rest = bias_at_rest(stream, self.rests)
+        left = stream if at_rest is None else without_bias(stream, at_rest)
+        more = find_bias(left, mounting, turns)
+        if more is None or at_rest is None:
+            return at_rest if more is None else RateBias(np.zeros(1), more[None])
+        return at_rest.plus(more)
+
+    def begin(self) -> None:
+        """Note what is known as the map begins."""
+        self.at_start = dict(self.known)
+
+    @property
+    def late(self) -> list[str]:
+        """Names of the gyroscopes whose bias was learnt, or has changed, after the map began."""
+        return [name for name, bias in self.known.items() if bias is not self.at_start.get(name)]
