@@ -8,6 +8,11 @@ from os import PathLike, fspath
 _LONGEST_REASON, _BEGIN, _END = 4000, 2000, 1000
 
 
+def ends_of(text: str, longest: int, begin: int, end: int) -> str:
+    """A text, of which the middle is left out if it is longer than `longest`."""
+    return text if len(text) <= longest else f"{text[:begin]} […] {text[-end:]}"
+
+
 class SfmcppError(Exception):
     """Root of every exception that sfmcpp raises on purpose."""
 
@@ -32,8 +37,7 @@ class DatasetError(SfmcppError, ValueError):
 
     def __init__(self, path: str | PathLike[str], reason: str, line: int | None = None) -> None:
         self.path = fspath(path)
-        is_short = len(reason) <= _LONGEST_REASON
-        self.reason = reason if is_short else f"{reason[:_BEGIN]} […] {reason[-_END:]}"
+        self.reason = ends_of(reason, _LONGEST_REASON, _BEGIN, _END)
         self.line = line
         super().__init__(str(self))
 

@@ -13,7 +13,7 @@ from enum import IntEnum
 from functools import wraps
 from typing import IO, TYPE_CHECKING, Any, ParamSpec, cast
 
-from sfmcpp.errors import InvalidArgument, SfmcppError
+from sfmcpp.errors import InvalidArgument, SfmcppError, ends_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,8 +26,9 @@ _OBEYED = re.compile(
 )
 
 # Paths have 4,096 letters at most, and their ends tell which they are.
-_LONGEST_WORD, _LONGEST_LINE = 500, 5000
-_LONG_WORD = re.compile(rf"\S{{{_LONGEST_WORD + 1},}}")
+# The longest that is told whole, and how much of the beginning and of the end otherwise.
+_OF_WORD, _OF_LINE = (500, 125, 125), (5000, 1250, 1250)
+_LONG_WORD = re.compile(rf"\S{{{_OF_WORD[0] + 1},}}")
 
 
 class ExitCode(IntEnum):
@@ -73,13 +74,8 @@ def print_note(message: str) -> None:
 
 def _in_short(line: str) -> str:
     """The line without the middle of what a message repeats of an argument or a file, however long."""
-    line = _LONG_WORD.sub(lambda found: _ends_of(found[0], _LONGEST_WORD), line)
-    return line if len(line) <= _LONGEST_LINE else _ends_of(line, _LONGEST_LINE)
-
-
-def _ends_of(text: str, length: int) -> str:
-    kept = length // 4
-    return f"{text[:kept]}… ({len(text) - 2 * kept:,} letters) …{text[-kept:]}"
+    line = _LONG_WORD.sub(lambda found: ends_of(found[0], *_OF_WORD), line)
+    return ends_of(line, *_OF_LINE)
 
 
 def print_error(message: object) -> ExitCode:

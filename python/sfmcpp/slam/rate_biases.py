@@ -13,6 +13,7 @@ from sfmcpp.slam.standstill import Standstill
 
 # Estimates of a bias that differ by less count as the same [rad/s].
 _SAME_RAD_S = float(np.radians(0.1))
+_NONE = RateBias(np.zeros(1), np.zeros((1, 3)))
 
 
 @dataclass
@@ -47,11 +48,8 @@ class RateBiases:
     def _bias_of(self, stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> RateBias | None:
         """The bias at rest, and what pairs of images show beside it."""
         at_rest = bias_at_rest(stream, self.rests)
-        left = stream if at_rest is None else without_bias(stream, at_rest)
-        more = find_bias(left, mounting, turns)
-        if more is None or at_rest is None:
-            return at_rest if more is None else RateBias(np.zeros(1), more[None])
-        return at_rest.plus(more)
+        more = find_bias(without_bias(stream, at_rest) if at_rest else stream, mounting, turns)
+        return at_rest if more is None else (at_rest or _NONE).plus(more)
 
     def begin(self) -> None:
         """Note what is known as the map begins."""

@@ -125,8 +125,8 @@ def _conflicts(sensors: SensorSuite) -> list[str]:
 
 
 def _biased_and_dead(sensors: SensorSuite, turns: Sequence[Turn]) -> list[str]:
-    constant = {name: bias for name, bias in sensors.biases.known.items() if name not in sensors.drifts}
-    biases = [f"{name}: {bias.complaint}" for name, bias in constant.items()]
+    known = sensors.biases.known.items()
+    biases = [f"{name}: {bias.complaint}" for name, bias in known if name not in sensors.drifts]
     biases += [f"{name}: {drift.complaint}" for name, drift in sensors.drifts.items()]
     dead = [
         f"{name}: it does not move for {stretch}, while the images do: is it dead?"

@@ -58,7 +58,7 @@ def stands_still(before: Frame, after: Frame) -> bool:
     places = before.view.pixels[in_before]
     moved = after.view.pixels[in_after] - places
     shift = np.median(moved, axis=0)
-    noise = max(mad_sigma(moved - shift), np.finfo(float).tiny)
+    noise = mad_sigma(moved - shift)
     largest = _SAME_PX + _SAME_SIGMAS * noise / np.sqrt(len(moved))
     if noise > _LARGEST_NOISE_PX or np.abs(shift).max() > largest:
         return False
