@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.ba.ranks import Ranks
-from sfmcpp.cli.console import ExitCode, print_result
+from sfmcpp.cli.choices import choice_option
+from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.mpi_launch import launched_ranks, run_on_ranks
 from sfmcpp.cli.reading import note_changed, read_with_notes
@@ -25,7 +28,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem, Trajectory
 from sfmcpp.sources.frame_times import read_times
 from sfmcpp.sources.io.alicevision import write_alicevision
-from sfmcpp.sources.io.api import format_of, named_format, read, read_part, write, write_part
+from sfmcpp.sources.io.api import format_of, formats, named_format, read, read_part, write, write_part
 from sfmcpp.sources.io.conversion_notes import left_out_on_writing
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.openmvg import write_openmvg
@@ -43,29 +46,44 @@ _WRITERS_WITH_IMAGES: dict[str, Callable[[Problem, Path, Path], None]] = {
     ),
 }
 _OPEN_IMAGES = "transforms, openmvg and alicevision"
+WRITABLE_FORMATS = tuple(known.name for known in formats() if known.writable)
 
 
-def convert_file(
-    source: Path,
-    target: Path,
-    parts: int | None,
-    format: str | None,
-    images: Path | None,
-    times: Path | None,
+@with_exit_code
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Problem or trajectory to read.")],
+    target: Annotated[
+        Path,
+        typer.Argument(
+            metavar="OUT",
+            help="File to write, or folder for COLMAP. csv, geojson: camera positions. html: a page.",
+        ),
+    ],
+    parts: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Write a folder of N parts, for MPI ranks.")
+    ] = None,
+    format: Annotated[
+        str | None,
+        choice_option(
+            (*WRITABLE_FORMATS, *WRITABLE_TRAJECTORY_FORMATS),
+            "Format of OUT, if its name is ambiguous, or of a trajectory (also of a problem's cameras)",
+        ),
+    ] = None,
+    images: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help=f"Folder of the images, for {_OPEN_IMAGES}."),
+    ] = None,
+    times: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Time stamps of poses without any, one per line, for tum and euroc."
+        ),
+    ] = None,
 ) -> ExitCode:
-    """Write the problem of a file to another, or to a folder of so many parts.
+    """Convert a problem or a trajectory to another format.
 
-    The name of the target tells its format, unless that is given: to a file of positions go those of the
-    cameras, as they are, to ``.html`` a page of all. In formats that open images, their names lead to the
-    folder `images`. Formats of trajectories are for trajectories, which `times` stamps if they have no times.
-
-    Raises
-    ------
-    DatasetError
-        If one cannot be read, or the other written.
-    InvalidArgument
-        If several ranks are asked for another number of parts than one each, a format is given for parts, a
-        folder of images for what does not point to them, or times for what is no trajectory.
+    File names determine the formats of problems. Under mpiexec each rank writes one part, and no rank
+    holds the whole problem.
     """
     if format in WRITABLE_TRAJECTORY_FORMATS and parts is None and images is None:
         return convert_trajectory(source, target, format, times)

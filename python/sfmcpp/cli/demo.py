@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 
-from sfmcpp.cli.console import ExitCode, print_result
+import typer
+
+from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.run import Job, solve_file
 from sfmcpp.cli.targets import Targets
 from sfmcpp.geometry.similarity import fit_similarity
@@ -15,31 +18,32 @@ from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.synthetic import circle_scene, perturb
 
 
-def run_demo(folder: Path, seed: int) -> ExitCode:
-    """Solve the thesis' circular scene (§4.4.1) from its noisy start, with all that shows it, in `folder`.
+@with_exit_code
+def demo(
+    output: Annotated[Path, typer.Option("-o", "--output", metavar="FOLDER", help="Output folder.")] = Path(
+        "sfmcpp-demo"
+    ),
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of scene and noise.")] = 0,
+) -> ExitCode:
+    """Solve and show a synthetic scene.
 
-    Pictures need Matplotlib; without it there are none.
-
-    Raises
-    ------
-    DatasetError
-        If the folder or a file in it cannot be written.
+    30 cameras on a circle around 500 points.
     """
-    with failures_named(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+    with failures_named(output):
+        output.mkdir(parents=True, exist_ok=True)
     pictures = find_spec("matplotlib") is not None
-    source, result = folder / "problem.npz", folder / "result.npz"
-    targets = Targets(result, folder / "report.json", folder / "convergence.png" if pictures else None)
+    source, result = output / "problem.npz", output / "result.npz"
+    targets = Targets(result, output / "report.json", output / "convergence.png" if pictures else None)
     targets.check(source)
-    truth = circle_scene(seed=seed)
+    truth = circle_scene(seed=seed)  # of the thesis (§4.4.1)
     start = perturb(truth, point_sigma_m=0.5, position_sigma_m=1.0, rotation_sigma_deg=15.0, seed=seed)
     write(start, source)
     code = solve_file(Job(source, targets, options={}))
     if code == ExitCode.DONE:
         solved = _aligned(read(result), truth)
-        write(solved, folder / "result.ply")
-        _show(solved, truth, folder, pictures)
-        print_result(f"The demo is in {folder.resolve()}")
+        write(solved, output / "result.ply")
+        _show(solved, truth, output, pictures)
+        print_result(f"The demo is in {output.resolve()}")
     return code
 
 

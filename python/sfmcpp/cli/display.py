@@ -20,7 +20,7 @@ from sfmcpp.ba import Iteration, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.cli.console import print_result, progress_is_seen, stderr_console
 from sfmcpp.cli.targets import Targets
-from sfmcpp.study.report_files import peak_memory_bytes
+from sfmcpp.model.process_state import peak_memory_bytes
 
 ROWS = 8
 _PREDICTED = "predicted for a step"

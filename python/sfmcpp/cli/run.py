@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import sfmcpp
+from sfmcpp._core import SolveOptions
 from sfmcpp.ba import Summary, as_projective
 from sfmcpp.ba.options import OPTIONS
 from sfmcpp.ba.parts import Part, ProblemSize, part_for_rank
@@ -26,6 +26,7 @@ from sfmcpp.cli.reading import note_left_out, note_written, read_with_notes
 from sfmcpp.cli.targets import Targets, write_page
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
+from sfmcpp.model.process_state import peak_memory_bytes
 from sfmcpp.model.residual_group import Group
 from sfmcpp.sources.io.api import read_part, write, write_part
 from sfmcpp.weighting import solve
@@ -140,8 +141,6 @@ def _common_to_ranks(job: Job) -> dict[str, object]:
 
 
 def _solve_file_on(job: Job, ranks: Ranks, heeded: Callable[[], None]) -> ExitCode:
-    from sfmcpp.study.report_files import peak_memory_bytes
-
     ranks.from_root(lambda: _check(job))
     ranks.from_root(lambda: job.gps.refuse_ranks(job.targets.positions))
     ranks.from_root(job.control.refuse_ranks)
@@ -240,7 +239,7 @@ def _with_refined_intrinsics(job: Job, problem: Problem) -> Problem:
 
 
 def _check_options(values: dict[str, Any]) -> None:
-    options = sfmcpp.SolveOptions()
+    options = SolveOptions()
     for name, value in values.items():
         setattr(options, name, value)
     try:
@@ -286,8 +285,6 @@ def _write_reports(job: Job, summary: Summary, report: dict[str, Any]) -> list[D
 
 def _report(path: Path, size: ProblemSize, summary: Summary, seconds_read: float) -> dict[str, Any]:
     """All fields of the summary are in the report under their own names."""
-    from sfmcpp.study.report_files import peak_memory_bytes
-
     read = {
         "path": str(path),
         "cameras": size.num_cameras,

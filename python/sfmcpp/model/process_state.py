@@ -1,11 +1,15 @@
-"""What belongs to the whole process and is changed for a while, by several threads at once."""
+"""What belongs to the whole process: its memory, and what several threads change for a while."""
 
 from __future__ import annotations
 
 import os
+import re
+import resource
+import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from threading import RLock
 
 
@@ -63,3 +67,16 @@ class SharedChange:
                 self._inside -= 1
                 if not self._inside:
                     self._take_back()
+
+
+def peak_memory_bytes() -> int:
+    """Largest resident memory of this process so far [bytes].
+
+    Linux tells it by process image; the portable figure there includes what the parent held when it forked.
+    """
+    with suppress(OSError):
+        match = re.search(r"^VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
+        if match:
+            return 1024 * int(match[1])
+    unit = 1 if sys.platform == "darwin" else 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-import re
-import resource
-import sys
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -80,16 +76,3 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(member) for member in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def peak_memory_bytes() -> int:
-    """Largest resident memory of this process so far [bytes].
-
-    Linux tells it by process image; the portable figure there includes what the parent held when it forked.
-    """
-    with suppress(OSError):
-        match = re.search(r"^VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(), re.MULTILINE)
-        if match:
-            return 1024 * int(match[1])
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sfmcpp.model.process_state import peak_memory_bytes
 from sfmcpp.sfm.outcome import NO_MODEL
-from sfmcpp.study.report_files import peak_memory_bytes, plain
+from sfmcpp.study.report_files import plain
 from sfmcpp.study.report_table import NAMES_LISTED, ReportTable, gps_rows, grouped_by_reason, listed_names
 from sfmcpp.study.sfm_measures import ModelMeasures
 

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.model.process_state import peak_memory_bytes
 from sfmcpp.slam.scale_drift import scale_sigmas, scale_text
 from sfmcpp.study.evaluation import Evaluation, evaluate
-from sfmcpp.study.report_files import peak_memory_bytes, plain
+from sfmcpp.study.report_files import plain
 from sfmcpp.study.report_table import ReportTable, origin_text
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 

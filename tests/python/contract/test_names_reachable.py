@@ -21,7 +21,7 @@ import sfmcpp
 import sfmcpp.cli.run
 from sfmcpp import CAMERA_MODELS, CONSTRAINT_KINDS, ConstraintGroup, SolveOptions, _core
 from sfmcpp.ba.options import OPTIONS, choices
-from sfmcpp.cli.app import app
+from sfmcpp.cli.app import COMMANDS, app, function_of
 from sfmcpp.cli.console import ExitCode
 from sfmcpp.cli.mpi_launch import ALONE
 from sfmcpp.model import names
@@ -67,9 +67,13 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 
 def test_commands_are_done_by_each_process_of_a_launcher_or_by_all_together() -> None:
-    names = {c.name or getattr(c.callback, "__name__", "") for c in app.registered_commands}
-    assert names - set(ALONE) == {"solve", "convert", "demo"}
-    assert set(ALONE) < names
+    assert set(COMMANDS) - set(ALONE) == {"solve", "convert", "demo"}
+    assert set(ALONE) < set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_list_of_commands_says_what_the_help_of_each_begins_with(command: str) -> None:
+    assert (inspect.getdoc(function_of(command)) or "").split("\n")[0] == COMMANDS[command]
 
 
 def test_the_tables_are_not_empty() -> None:
@@ -126,12 +130,11 @@ def test_every_option_is_described(option: str) -> None:
 
 def numbers_asked() -> Iterator[tuple[str, str, OptionInfo]]:
     """Command, parameter and what is told of it, of all options that are one number."""
-    for command in app.registered_commands:
-        assert command.callback is not None
-        for name, parameter in inspect.signature(command.callback, eval_str=True).parameters.items():
+    for command in COMMANDS:
+        for name, parameter in inspect.signature(function_of(command), eval_str=True).parameters.items():
             type_, *told = typing.get_args(parameter.annotation)
             if {int, float} & {type_, *typing.get_args(type_)} and isinstance(told[0], OptionInfo):
-                yield command.callback.__name__, name, told[0]
+                yield command, name, told[0]
 
 
 @pytest.mark.parametrize(("command", "name", "told"), list(numbers_asked()))

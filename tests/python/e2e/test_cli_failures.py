@@ -260,7 +260,7 @@ from sfmcpp.cli import demo
 from sfmcpp.cli.main import main
 
 log = logging.getLogger("matplotlib.font_manager")
-demo.run_demo = lambda *_, **__: log.warning("building the font cache") or log.error("no font") or 0
+demo.demo = lambda: log.warning("building the font cache") or log.error("no font") or 0
 code = main(["demo"])
 log.warning("said again")
 sys.exit(code)
