@@ -101,8 +101,7 @@ def _rotations_of_pinhole(graph: MatchGraph, pairs: Sequence[Pair], row: FloatAr
     if focal_px is None:
         return []
     known = np.concatenate([[focal_px], row[1:]])
-    turned = [_verified_again(graph, pair, known) for pair in pairs]
-    return turned if sum(pair.geometry.kind == "rotation" for pair in turned) >= least else []
+    return _if_rotations(graph, pairs, known, np.ones(len(pairs), dtype=np.intp))
 
 
 def _rotations_of_lens(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
@@ -110,12 +109,28 @@ def _rotations_of_lens(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray
     if len(pairs) < _FEWEST:
         return []
     matches = np.array([len(pair.verified) for pair in pairs])
-    for lens in lenses_of_rotations(graph, pairs, row):
-        turned = [_verified_again(graph, pair, lens) for pair in pairs]
-        is_rotation = np.array([pair.geometry.kind == "rotation" for pair in turned])
-        if matches[is_rotation].sum() >= _MOST * matches.sum():
-            return turned
-    return []
+    lenses = lenses_of_rotations(graph, pairs, row)
+    found = (_if_rotations(graph, pairs, lens, matches) for lens in lenses)
+    return next((turned for turned in found if turned), [])
+
+
+def _if_rotations(
+    graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray, weights: IndexArray
+) -> list[Pair]:
+    """The pairs verified with these intrinsics; nothing if rotations have less than `_MOST` of the weight.
+
+    Pairs of most weight come first: where a camera has moved, the first few tell.
+    """
+    turned = list(pairs)
+    most = int(weights.sum())
+    least = _MOST * most
+    for number in np.argsort(-weights, kind="stable"):
+        turned[number] = _verified_again(graph, pairs[number], row)
+        if turned[number].geometry.kind != "rotation":
+            most -= int(weights[number])
+        if most < least:
+            return []
+    return turned
 
 
 def _matches_of(graph: MatchGraph, pair: Pair) -> _Matches:
