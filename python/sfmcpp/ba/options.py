@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from sfmcpp import _core
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.named_fields import meant
+from sfmcpp.model.threads import default_threads
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -125,7 +126,7 @@ class SolveOptions(_core.SolveOptions):
 
     def __init__(self, **options: Unpack[SolveKeywords]) -> None:
         super().__init__()
-        for name, value in options.items():
+        for name, value in {"threads": default_threads(), **options}.items():
             if name not in OPTIONS:
                 raise TypeError(f"unexpected keyword argument {name!r}{meant(name, OPTIONS)}")
             setattr(self, name, value)

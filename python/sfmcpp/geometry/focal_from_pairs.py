@@ -17,6 +17,7 @@ from sfmcpp.geometry.two_view_matrices import fundamental_linear
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.model.checks import require_seed
+from sfmcpp.model.threads import on_threads, thread_count
 
 # Focal lengths that are tried, in larger sides of the image: from a fisheye to a long lens.
 _SHORTEST, _LONGEST, _NUM_COARSE, _NUM_FINE = 0.35, 4.5, 20, 7
@@ -130,7 +131,9 @@ def _options(scale_px: float) -> RansacOptions:
 
 def _losses(pairs: list[_Pair], focals: FloatArray) -> FloatArray:
     """(P, K) Cauchy loss that each pair is left with at each focal length."""
-    return np.array([[_loss(pair, focal) for focal in focals] for pair in pairs])
+    return np.array(
+        list(on_threads(lambda pair: [_loss(pair, focal) for focal in focals], pairs, thread_count()))
+    )
 
 
 def _loss(pair: _Pair, focal: float) -> float:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, contextmanager
+from contextvars import ContextVar
 from typing import TypeVar
 
 from sfmcpp._core import usable_cores
@@ -14,6 +15,7 @@ Task = TypeVar("Task")
 Result = TypeVar("Result")
 # Told the stage, how much of it is done and of how much; True asks to stop.
 Progress = Callable[[str, int, int], bool]
+_MOST: ContextVar[int | None] = ContextVar("most threads", default=None)
 
 
 def on_threads(
@@ -42,12 +44,28 @@ def no_progress(stage: str, done: int, total: int) -> bool:
     return False
 
 
-def thread_count(wanted: int | None) -> int:
+@contextmanager
+def at_most_threads(count: int | None) -> Iterator[None]:
+    """Inside, what is told no number of threads takes at most `count`, solves as well; None: as outside."""
+    before = _MOST.set(_MOST.get() if count is None else count)
+    try:
+        yield
+    finally:
+        _MOST.reset(before)
+
+
+def thread_count(wanted: int | None = None) -> int:
     """`wanted`, or as many as the process may use; InvalidArgument if `wanted` is below one."""
     if wanted is not None:
         require_count("threads", wanted)
         return wanted
-    return usable_cores()
+    return _MOST.get() or usable_cores()
+
+
+def default_threads() -> int:
+    """The default of solves: 0, by the machine and the size of the problem, unless there is a limit."""
+    most = _MOST.get() or 0
+    return most if most < usable_cores() else 0
 
 
 def results_in_order(

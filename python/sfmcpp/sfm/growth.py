@@ -17,6 +17,7 @@ from sfmcpp.geometry import (
 )
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.threads import on_threads, thread_count
 from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around
 from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.focal_lengths import hold_undetermined_focals
@@ -85,7 +86,7 @@ class Growth:
         pairs = [p for p in pairs if p.geometry.kind in ("general", "planar")]
         pairs.sort(key=lambda p: -len(p.verified))
         del pairs[_START_PAIRS:]
-        poses: dict[int, tuple[FloatArray, float]] = {}
+        poses: list[tuple[FloatArray, float]] = []
         angle_deg = self._settings.start_angle_deg
         while angle_deg >= _LEAST_START_ANGLE_DEG:
             if any(
@@ -97,13 +98,13 @@ class Growth:
         return False
 
     def _wide_angle_pairs(
-        self, pairs: list[Pair], poses: dict[int, tuple[FloatArray, float]], angle_deg: float
+        self, pairs: list[Pair], poses: list[tuple[FloatArray, float]], angle_deg: float
     ) -> Iterator[tuple[Pair, FloatArray]]:
         """The first pairs seen under an angle, with the pose of the second image, which `poses` keeps."""
-        count = 0
+        count, threads = 0, thread_count()
         for number, pair in enumerate(pairs):
-            if number not in poses:
-                poses[number] = self._relative_pose(pair)
+            if number == len(poses):
+                poses += on_threads(self._relative_pose, pairs[number : number + threads], threads)
             camera, seen_deg = poses[number]
             if seen_deg >= angle_deg:
                 yield pair, camera

@@ -19,7 +19,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
-from sfmcpp.model.threads import Progress, no_progress
+from sfmcpp.model.threads import Progress, at_most_threads, no_progress
 from sfmcpp.sfm.adjustment import fix_what_few_images_held
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
@@ -194,26 +194,27 @@ def reconstruct(
         "seed": seed,
     }
     front = replace(front_end or FrontEndSettings(), matcher=matcher, seed=seed, threads=threads)
-    scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
-    photos = scene.graph.photos
-    scene = replace(scene, positions=wanted(photos))
-    run.warnings += unused_positions(gps, photos)
-    told = RepeatedProgress(progress, "mapping", len(photos))
-    with stopped_by(told.again):
-        with run.timed("mapping"):
-            grown = METHODS[method](scene, limits, lambda done: told("mapping", done, len(photos)))
-        refined = Refinement()
-        if subpixel:
-            with run.timed("refining"):
-                refined = refine_models(grown.models, photos, limits, threads=threads, progress=told)
-    found = _finished_run(source, options, scene, grown, run)
-    found.warnings += refined.warnings
-    found.interrupted |= refined.interrupted
-    # What was asked to stop before this is placed all the same: it takes little of the time.
-    with stopped_by(never if found.interrupted else told.again):
-        _place_and_settle(found, scene, run, needed=gps != "auto")
-    for world in found.models:
-        fix_what_few_images_held(world, limits)
+    with at_most_threads(threads):
+        scene = _scene_of(source, run, masks, front, None if cache is None else Cache(Path(cache)))
+        photos = scene.graph.photos
+        scene = replace(scene, positions=wanted(photos))
+        run.warnings += unused_positions(gps, photos)
+        told = RepeatedProgress(progress, "mapping", len(photos))
+        with stopped_by(told.again):
+            with run.timed("mapping"):
+                grown = METHODS[method](scene, limits, lambda done: told("mapping", done, len(photos)))
+            refined = Refinement()
+            if subpixel:
+                with run.timed("refining"):
+                    refined = refine_models(grown.models, photos, limits, threads=threads, progress=told)
+        found = _finished_run(source, options, scene, grown, run)
+        found.warnings += refined.warnings
+        found.interrupted |= refined.interrupted
+        # What was asked to stop before this is placed all the same: it takes little of the time.
+        with stopped_by(never if found.interrupted else told.again):
+            _place_and_settle(found, scene, run, needed=gps != "auto")
+        for world in found.models:
+            fix_what_few_images_held(world, limits)
     return found
 
 

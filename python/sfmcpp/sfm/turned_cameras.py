@@ -18,6 +18,7 @@ from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, inverse_calibration, t
 from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.geometry.two_view_matrices import homography_errors_px
 from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.threads import on_threads, thread_count
 from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.tracks import connected_parts
@@ -122,12 +123,15 @@ def _if_rotations(
     Pairs of most weight come first: where a camera has moved, the first few tell.
     """
     turned = list(pairs)
-    most = int(weights.sum())
+    most, threads = int(weights.sum()), thread_count()
     least = _MOST * most
-    for number in np.argsort(-weights, kind="stable"):
-        turned[number] = _verified_again(graph, pairs[number], row)
-        if turned[number].geometry.kind != "rotation":
-            most -= int(weights[number])
+    order = np.argsort(-weights, kind="stable")
+    for begin in range(0, len(order), threads):
+        some = order[begin : begin + threads]
+        again = on_threads(lambda number: _verified_again(graph, pairs[number], row), some.tolist(), threads)
+        for number, pair in zip(some, again, strict=True):
+            turned[number] = pair
+            most -= int(weights[number]) * (pair.geometry.kind != "rotation")
         if most < least:
             return []
     return turned

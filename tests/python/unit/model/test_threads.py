@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from sfmcpp import InvalidArgument, circle_scene, solve
-from sfmcpp.model.threads import on_threads, thread_count
+from sfmcpp import InvalidArgument, SolveOptions, circle_scene, solve
+from sfmcpp.model.threads import at_most_threads, on_threads, thread_count
 
 
 def square(number: int) -> int:
@@ -59,3 +59,15 @@ def test_there_are_no_more_threads_than_cores_that_the_process_is_bound_to() -> 
         assert solve(problem, max_iterations=1).threads == 1
     finally:
         os.sched_setaffinity(0, before)
+
+
+def test_a_limit_holds_for_solves_within_it_and_for_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfmcpp.model.threads.usable_cores", lambda: 8)
+    with at_most_threads(3):
+        assert (thread_count(), SolveOptions().threads, SolveOptions(threads=2).threads) == (3, 3, 2)
+        with at_most_threads(None):
+            assert thread_count() == 3
+        assert solve(circle_scene(5, 30), max_iterations=1).threads == 3
+    with at_most_threads(8):  # as many as there are: a solve of a small problem takes fewer
+        assert SolveOptions().threads == 0
+    assert (thread_count(), SolveOptions().threads) == (8, 0)

@@ -123,12 +123,13 @@ def together(a: MatchGraph, b: MatchGraph) -> MatchGraph:
     return MatchGraph(photos, [*a.features, *b.features], [*a.pairs, *moved])
 
 
-def test_the_same_bits_for_every_run() -> None:
-    truth = truth_of(8, 200)
-    graph = match_graph(truth, sigma_px=SIGMA_PX, outliers=0.2)
-    a, b = (grown(graph, known_cameras(graph, truth)).models[0] for _ in range(2))
-    assert np.array_equal(a.poses, b.poses)
-    assert np.array_equal(a.points, b.points, equal_nan=True)
+@pytest.mark.parametrize("camera", ["auto", 1000.0])
+def test_the_same_bits_for_every_run_and_number_of_threads(camera: str | float) -> None:
+    graph = match_graph(truth_of(8, 200), sigma_px=SIGMA_PX, outliers=0.2)
+    first, *others = (reconstruct(graph, camera=camera, threads=n).models[0] for n in (1, 1, 3))
+    for other in others:
+        assert np.array_equal(first.poses, other.poses)
+        assert np.array_equal(first.points, other.points, equal_nan=True)
 
 
 def test_a_listener_that_asks_to_stop_leaves_the_model_so_far() -> None:
