@@ -52,15 +52,20 @@ def from_pycolmap(reconstruction: Any) -> Problem:
             raise InvalidArgument(f"reconstruction: {reason}") from error
         problem = read_colmap_binary(folder)
     images = reconstruction.images
-    if names := [images[key].name for key in sorted(images) if not images[key].has_pose]:
+    if names := [images[key].name for key in sorted(images) if not _has_pose(images[key])]:
         problem.metadata.extra[UNREGISTERED] = names
     return problem
 
 
+def _has_pose(image: Any) -> bool:
+    """Whether an image has a pose, which pycolmap before 3.11 calls registered."""
+    return bool(image.has_pose if hasattr(image, "has_pose") else image.registered)
+
+
 def _sensor_without_pose(reconstruction: Any) -> str:
     """Say which camera has no pose in its rig, of which pycolmap does not tell; empty if all have."""
-    for number, rig in getattr(reconstruction.rigs, "items", dict)():
-        for sensor, pose in rig.non_ref_sensors.items():
+    for number, rig in getattr(getattr(reconstruction, "rigs", None), "items", dict)():
+        for sensor, pose in getattr(rig, "non_ref_sensors", {}).items():
             if pose is None:
                 return f"rig {number}: the pose of camera {sensor.id} in the rig is not known"
     return ""
