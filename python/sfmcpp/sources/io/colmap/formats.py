@@ -57,7 +57,7 @@ def read_colmap_binary(folder: Path) -> Problem:
         If a file is missing or damaged, files contradict each other, a track has a keypoint twice, a sensor
         of a rig is no camera or has no pose, or a camera model is none of SIMPLE_PINHOLE, PINHOLE,
         SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV without a divisor, or, alone, of SIMPLE_RADIAL_FISHEYE,
-        RADIAL_FISHEYE, OPENCV_FISHEYE.
+        RADIAL_FISHEYE, OPENCV_FISHEYE, SIMPLE_FISHEYE, FISHEYE.
     """
     _require_model(folder, binary.FILES)
     found = _problem(binary.read_binary(folder), read_binary_rigs(folder), "colmap-binary")

@@ -37,7 +37,8 @@ def from_pycolmap(reconstruction: Any) -> Problem:
     InvalidArgument
         If it is no reconstruction, or not a complete one, a sensor of a rig is no camera or has no pose, or
         a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV without
-        a divisor, or, alone, of SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE.
+        a divisor, or, alone, of SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE, SIMPLE_FISHEYE,
+        FISHEYE.
     """
     if not callable(getattr(reconstruction, "write_binary", None)):
         kind = type(reconstruction).__name__
