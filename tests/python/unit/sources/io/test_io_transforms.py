@@ -195,6 +195,21 @@ def test_damage_is_named_with_its_place(change: dict[str, Any], told: str, tmp_p
         read(tmp_path / "transforms.json")
 
 
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ([{"cameras": {}, "shots": {}, "points": {}}], "OpenSfM: must be made a Bundler file"),
+        ([{"id": 0, "img_name": "a"}], "is no transforms.json, which has 'frames'"),
+        ({"cameras": []}, "is no transforms.json, which has 'frames'"),
+        ([], "is no transforms.json, which has 'frames'"),
+    ],
+)
+def test_json_of_other_programs_is_named(content: Any, told: str, tmp_path: Path) -> None:
+    (tmp_path / "cameras.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=told):
+        read(tmp_path / "cameras.json")
+
+
 def test_the_command_line_converts_to_it(tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
