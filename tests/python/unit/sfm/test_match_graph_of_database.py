@@ -208,7 +208,8 @@ def test_what_is_not_used_is_said(tmp_path: Path) -> None:
         ("UPDATE pose_priors SET coordinate_system = -1, position = x'" + "000000000000f87f" * 3 + "'", None),
         ("DELETE FROM pose_priors; ALTER TABLE pose_priors ADD COLUMN gravity;"
          "INSERT INTO pose_priors VALUES (3, NULL, -1, x'" + "000000000000f03f" * 3 + "');"
-         "INSERT INTO pose_priors VALUES (5, NULL, -1, x'" + "000000000000f87f" * 3 + "')",
+         "INSERT INTO pose_priors VALUES (5, NULL, -1, x'" + "000000000000f87f" * 3 + "');"
+         "INSERT INTO pose_priors VALUES (8, NULL, -1, x'" + "000000000000f03f" + "00" * 16 + "')",
          "gravity priors in the database (1) are not used"),
         ("DELETE FROM pose_priors; ALTER TABLE images ADD COLUMN prior_tx;"
          "ALTER TABLE images ADD COLUMN prior_ty;"

@@ -254,9 +254,11 @@ class _Reader:
         )
 
     def _count_gravities(self) -> int:
+        """Measured directions of gravity; along an axis is what COLMAP takes every photo's for by EXIF."""
         has_gravity = "gravity" in self._columns("pose_priors")
-        found = self._rows("SELECT gravity FROM pose_priors") if has_gravity else ()
-        return sum(self._is_known(blob) for (blob,) in found)
+        blobs = self._rows("SELECT gravity FROM pose_priors WHERE gravity IS NOT NULL") if has_gravity else ()
+        found = [self._array("pose_priors: gravity", blob, 1, 3, np.float64) for (blob,) in blobs]
+        return sum(bool(np.isfinite(v).all() and np.count_nonzero(v) > 1) for v in found)
 
     def _count_old_positions(self) -> int:
         """Images with a translation other than zero, which scripts store where none is known."""
