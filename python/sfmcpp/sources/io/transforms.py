@@ -80,6 +80,9 @@ def _read_lens(camera: Part) -> dict[str, float]:
     model = camera.optional("camera_model")
     if model is not None and model.text() not in _READABLE:
         raise model.error(f"{model.text()!r}: must be one of {', '.join(_READABLE)}")
+    fisheye = camera.optional("is_fisheye")
+    if fisheye is not None and fisheye.value is not False:
+        raise fisheye.error("fisheye lenses, as instant-ngp marks them, are not supported: must be false")
     given = {name: camera.optional(name) for name in _FIELDS}
     found = {name: part.number() for name, part in given.items() if part is not None}
     width, height = image_size(camera, "w", "h")

@@ -178,6 +178,7 @@ def test_it_is_a_truth_that_a_model_is_measured_against(tmp_path: Path) -> None:
     ("change", "told"),
     [
         ({"camera_model": "OPENCV_FISHEYE"}, "'OPENCV_FISHEYE': must be one of OPENCV"),
+        ({"is_fisheye": True}, "is_fisheye: fisheye lenses, as instant-ngp marks them, are not supported"),
         ({"fl_x": "8_00"}, "fl_x: '8_00': must be a finite number"),
         ({"fl_x": -1}, "fl_x = -1, fl_y = 808: must be positive"),
         ({"frames": 3}, r"frames: 3.*: must be a list"),
