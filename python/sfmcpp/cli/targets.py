@@ -83,6 +83,8 @@ class Targets:
         if self.problem is None:
             return
         chosen = format_of(self.problem)
+        if chosen.target_check is not None:
+            chosen.target_check(self.problem, problem)
         # What was read from a file fits its format again, if it is still metric.
         own = problem.is_metric and chosen.name == problem.metadata.source_format
         if chosen.holds_every_model or (own and not refined):
@@ -123,7 +125,7 @@ def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
     if not chosen.writable:
         raise DatasetError(path, f"format {chosen.name} can be read but not written")
     if chosen.target_check is not None:
-        chosen.target_check(path)
+        chosen.target_check(path, None)
     if chosen.suffixes:
         require_writable_file(path)
     else:

@@ -105,6 +105,17 @@ def mirrored_y(problem: Problem) -> Problem:
     return _with_these_pixels(problem, pixels, _mirrored)
 
 
+def pixels_from_middle(problem: Problem) -> Problem:
+    """The problem with pixels from the middle of the images, where all count from a corner and should not.
+
+    The images are taken to be as large as their pixels tell, which is enough to judge by.
+    """
+    low, high = problem.pixels.min(axis=0), problem.pixels.max(axis=0)
+    if pinhole_rows(problem.intrinsics)[:, 2:4].any() or ((low < 0) & (high > 0)).any():
+        return problem
+    return replace(problem, pixels=problem.pixels - (low + high) / 2)
+
+
 def fy_for_aspect(problem: Problem) -> Problem:
     """The problem with its second intrinsic over the focal length, where it may be one.
 
@@ -142,6 +153,13 @@ CONVENTIONS = (
         "the pixels are relative to the principal point instead of the corner of the image",
         _with_pixels(lambda x, k: x + k[:, 2:4]),
         "add (cx, cy) to the pixels, or set cx = cy = 0",
+    ),
+    Convention(
+        "corner-pixels",
+        "the pixels are relative to a corner of the image instead of the principal point",
+        pixels_from_middle,
+        "subtract (width / 2, height / 2) from the pixels; NVM files of COLMAP and OpenSfM are like that, "
+        "others of theirs are not",
     ),
     Convention(
         "normalised-pixels",

@@ -31,6 +31,17 @@ def test_a_rig_is_solved_and_written_as_one(start: Path, tmp_path: Path) -> None
     assert sfmcpp.cost(solved) < 0.1 * sfmcpp.cost(before)
 
 
+def test_a_solve_of_a_rig_may_be_repeated_and_not_replaced_by_cameras_alone(
+    start: Path, tmp_path: Path
+) -> None:
+    for _ in range(2):
+        assert run_here("solve", start, "-o", tmp_path / "solved").returncode == 0
+    refused = run_here("solve", start, "-o", tmp_path / "solved", "--rigs", "ignore")
+    told = "would contradict the new poses" in refused.stderr
+    assert (refused.returncode, told) == (2, True)
+    assert "iterations" not in refused.stdout
+
+
 def test_sensors_of_a_rig_are_found_and_written(start: Path, tmp_path: Path) -> None:
     problem = sfmcpp.read(start)
     assert problem.rigs is not None

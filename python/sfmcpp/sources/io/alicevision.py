@@ -4,7 +4,8 @@ Their layout is that of AliceVision's sfmDataIO. ``rotation`` is camera_from_wor
 world_from_camera by rows, with z forward and y down, and ``center`` is in the world. A principal point counts
 from the middle of the image since version 1.2.1. Focal lengths are in pixels, one before version 1.2 and two
 before 1.2.2, and then in millimetres of a sensor whose width the image fills; ``pixelRatio`` is fx / fy
-before 1.2.5 and fy / fx since. Numbers may be texts. Distortion is OpenCV's.
+before 1.2.5 and fy / fx since. They are fx, and fy since 1.2.11. Numbers may be texts. Distortion is that of
+OpenCV.
 """
 
 from __future__ import annotations
@@ -138,10 +139,12 @@ def _focal(item: Part, version: Version) -> tuple[float, float]:
         return fx, _ratio(item, fy, fx)
     width, sensor = item.part("width").number(), item.optional("sensorWidth")
     sensor_mm = _SENSOR_MM if sensor is None else sensor.number()
-    fx = item.part("focalLength").number() * _ratio(item, width, sensor_mm)
+    focal = item.part("focalLength").number() * _ratio(item, width, sensor_mm)
     ratio = item.optional("pixelRatio")
     value = 1.0 if ratio is None else ratio.number()
-    return fx, _ratio(item, 1.0, value) if version < (1, 2, 5) else value
+    if version < (1, 2, 5):
+        return focal, _ratio(item, 1.0, value)
+    return focal if version < (1, 2, 11) else _ratio(item, focal, value), value
 
 
 def _ratio(item: Part, above: float, below: float) -> float:

@@ -48,7 +48,7 @@ class Format:
     holds_every_model : bool
         Whether it can keep projection matrices and homogeneous points, and camera models that were built in.
     target_check : callable or None
-        Raises a DatasetError if what is at a path must not be written over.
+        Raises a DatasetError if what is at a path must not be written over, by a problem or (None) by any.
     undistorts : bool
         Whether pixels are written as cameras without distortion would have seen them.
     lacks : tuple of str
@@ -65,7 +65,7 @@ class Format:
     part_reader: Callable[[Path, Ranks], Part] | None = field(default=None, repr=False)
     part_writer: Callable[[Part, Path, Ranks], None] | None = field(default=None, repr=False)
     holds_every_model: bool = False
-    target_check: Callable[[Path], None] | None = field(default=None, repr=False)
+    target_check: Callable[[Path, Problem | None], None] | None = field(default=None, repr=False)
     undistorts: bool = False
     lacks: tuple[str, ...] = ()
 

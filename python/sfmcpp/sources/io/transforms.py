@@ -52,6 +52,7 @@ def read_transforms(path: Path) -> Problem:
         Naming the part of the file at fault; if a camera is none of OpenCV's or of a pinhole.
     """
     root = read_json(path)
+    _require_frames(root)
     views, poses, lenses = {}, {}, {}
     known: dict[tuple[object, ...], int] = {}
     for key, frame in enumerate(root.part("frames").items()):
@@ -64,10 +65,24 @@ def read_transforms(path: Path) -> Problem:
     return problem_of_views(views, poses, lenses, Tracks(), "transforms")
 
 
+def _require_frames(root: Part) -> None:
+    """Refuse JSON of other programs, which by its name alone counts as this."""
+    first = root.value[0] if isinstance(root.value, list) and root.value else None
+    if isinstance(first, dict) and "shots" in first:
+        raise root.error(
+            "is a reconstruction of OpenSfM: must be made a Bundler file (opensfm export_bundler)"
+        )
+    if not isinstance(root.value, dict) or "frames" not in root.value:
+        raise root.error("is no transforms.json, which has 'frames', nor a model of OpenMVG or AliceVision")
+
+
 def _read_lens(camera: Part) -> dict[str, float]:
     model = camera.optional("camera_model")
     if model is not None and model.text() not in _READABLE:
         raise model.error(f"{model.text()!r}: must be one of {', '.join(_READABLE)}")
+    fisheye = camera.optional("is_fisheye")
+    if fisheye is not None and fisheye.value is not False:
+        raise fisheye.error("fisheye lenses, as instant-ngp marks them, are not supported: must be false")
     given = {name: camera.optional(name) for name in _FIELDS}
     found = {name: part.number() for name, part in given.items() if part is not None}
     width, height = image_size(camera, "w", "h")

@@ -323,6 +323,8 @@ FAULTS = (
           lambda p, rng: replace(p, pixels=p.pixels[:, ::-1].copy())),
     Fault("pixels from the centre", ("centred-pixels",),
           lambda p, rng: replace(p, pixels=p.pixels - intrinsics_of_observations(p)[:, 2:4]), PIXEL_ORIGIN),
+    Fault("pixels from a corner", ("corner-pixels",),
+          lambda p, rng: replace(p, pixels=p.pixels - p.pixels.min(axis=0)), ("bal",)),
     Fault("pixels at depth one", ("normalised-pixels",), normalised_pixels),
     Fault("fy for the aspect", ("fy-for-aspect",), fy_for_aspect, PIXEL_ORIGIN),
     Fault("axes of OpenGL", ("axes-of-opengl",),

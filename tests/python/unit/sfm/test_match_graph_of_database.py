@@ -187,7 +187,7 @@ def test_a_database_with_a_log_leaves_nothing_beside_it_and_needs_no_writable_fo
 def test_what_is_not_used_is_said(tmp_path: Path) -> None:
     path = write_database(tmp_path / "database.db")
     (cartesian,) = match_graph_of_database(path).warnings
-    assert cartesian.startswith("Cartesian position priors in the database (1) are not used")
+    assert cartesian.startswith("position priors in Cartesian coordinates in the database (1) are not used")
     change(
         path,
         "DELETE FROM pose_priors; CREATE TABLE rig_sensors (rig_id, sensor_id);"
@@ -198,6 +198,32 @@ def test_what_is_not_used_is_said(tmp_path: Path) -> None:
     assert "COLMAP cannot continue the model" in rigs
     change(path, "DELETE FROM rig_sensors")
     assert match_graph_of_database(path).warnings == []
+
+
+@pytest.mark.parametrize(
+    ("statement", "warning"),
+    [
+        ("UPDATE pose_priors SET coordinate_system = -1",
+         "position priors in undefined coordinates in the database (2) are not used"),
+        ("UPDATE pose_priors SET coordinate_system = -1, position = x'" + "000000000000f87f" * 3 + "'", None),
+        ("DELETE FROM pose_priors; ALTER TABLE pose_priors ADD COLUMN gravity;"
+         "INSERT INTO pose_priors VALUES (3, NULL, -1, x'" + "000000000000f03f" * 3 + "');"
+         "INSERT INTO pose_priors VALUES (5, NULL, -1, x'" + "000000000000f87f" * 3 + "');"
+         "INSERT INTO pose_priors VALUES (8, NULL, -1, x'" + "000000000000f03f" + "00" * 16 + "')",
+         "gravity priors in the database (1) are not used"),
+        ("DELETE FROM pose_priors; ALTER TABLE images ADD COLUMN prior_tx;"
+         "ALTER TABLE images ADD COLUMN prior_ty;"
+         "UPDATE images SET prior_tx = 46.8, prior_ty = -92.0 WHERE image_id = 5;"
+         "UPDATE images SET prior_tx = 0, prior_ty = 0 WHERE image_id = 3",
+         "positions in the table of images (1), where COLMAP before 3.10 has them, are not used"),
+    ],
+)  # fmt: skip
+def test_priors_that_are_not_used_are_said(tmp_path: Path, statement: str, warning: str | None) -> None:
+    path = write_database(tmp_path / "database.db")
+    change(path, statement)
+    found = match_graph_of_database(path).warnings
+    assert len(found) == (warning is not None)
+    assert all(text.startswith(warning or "") for text in found)
 
 
 def with_more_positions(photos: Sequence[Photo]) -> list[Photo]:

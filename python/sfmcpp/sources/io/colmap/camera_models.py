@@ -63,6 +63,9 @@ FISHEYE_MODELS = {
     "OPENCV_FISHEYE": ColmapModel(
         5, ("f", "fy", "cx", "cy", "k1", "k2", "k3", "k4"), ("k1", "k2", "k3", "k4")
     ),
+    # Of COLMAP 4, so never chosen for cameras that are not of it.
+    "SIMPLE_FISHEYE": ColmapModel(14, ("f", "cx", "cy"), ()),
+    "FISHEYE": ColmapModel(15, ("f", "fy", "cx", "cy"), ()),
 }
 READ_MODELS = MODELS | FISHEYE_MODELS
 NAME_OF_NUMBER = {model.number: name for name, model in READ_MODELS.items()}
@@ -72,8 +75,6 @@ _UNSUPPORTED_NAMES = {
     11: "RAD_TAN_THIN_PRISM_FISHEYE",
     12: "SIMPLE_DIVISION",
     13: "DIVISION",
-    14: "SIMPLE_FISHEYE",
-    15: "FISHEYE",
     16: "EUCM",
     17: "EQUIRECTANGULAR",
 }

@@ -36,7 +36,8 @@ _OPTIONAL_TABLES = ("two_view_geometries", "pose_priors", "rig_sensors")
 _PAIR_BASE = 2**31 - 1
 _WATERMARK = 7
 _LEAST_FOCAL_PX = 1.0
-_CAMERA_SENSOR, _WGS84, _CARTESIAN = 0, 0, 1
+_CAMERA_SENSOR = 0
+_UNDEFINED, _WGS84, _CARTESIAN = -1, 0, 1
 _Triple = tuple[float, float, float]
 # Columns of keypoints: x, y; then scale and angle, or the four numbers of an affine shape.
 _SCALED, _AFFINE = 4, 6
@@ -212,7 +213,7 @@ class _Reader:
         """Image, position and its covariance of each pose prior in a coordinate system."""
         if "pose_priors" not in self._tables:
             return
-        known = {name for _, name, *_ in self._connection.execute("PRAGMA table_info(pose_priors)")}
+        known = self._columns("pose_priors")
         covariance = "position_covariance" if "position_covariance" in known else "NULL"
         image, which = "image_id", ""
         if "corr_data_id" in known:
@@ -228,11 +229,47 @@ class _Reader:
                     f"rigs of several cameras in the database ({rigs}) are not used: every image has a pose "
                     "of its own, and COLMAP cannot continue the model with this database"
                 )
-        if cartesian := len(list(self._priors(_CARTESIAN))):
+        yield from self._unused_positions()
+        if count := self._count_gravities():
+            yield f"gravity priors in the database ({count}) are not used"
+
+    def _unused_positions(self) -> Iterator[str]:
+        remedy = "give them as a file of positions (name, x, y, z)"
+        for system, name in ((_CARTESIAN, "Cartesian"), (_UNDEFINED, "undefined")):
+            if count := sum(self._is_known(blob) for _, blob, _ in self._priors(system)):
+                yield (
+                    f"position priors in {name} coordinates in the database ({count}) are not used, only "
+                    f"those in WGS84 are: {remedy}"
+                )
+        if count := self._count_old_positions():
             yield (
-                f"Cartesian position priors in the database ({cartesian}) are not used, only those in WGS84 "
-                "are: give them as a file of positions (name, x, y, z)"
+                f"positions in the table of images ({count}), where COLMAP before 3.10 has them, are not "
+                f"used, as it does not tell their coordinates: {remedy} or (name, lat, lon, height)"
             )
+
+    def _is_known(self, blob: object) -> bool:
+        """Whether there is a vector in a cell of pose_priors; unknown ones are stored as not a number."""
+        return blob is not None and bool(
+            np.isfinite(self._array("pose_priors", blob, 1, 3, np.float64)).any()
+        )
+
+    def _count_gravities(self) -> int:
+        """Measured directions of gravity; along an axis is what COLMAP takes every photo's for by EXIF."""
+        has_gravity = "gravity" in self._columns("pose_priors")
+        blobs = self._rows("SELECT gravity FROM pose_priors WHERE gravity IS NOT NULL") if has_gravity else ()
+        found = [self._array("pose_priors: gravity", blob, 1, 3, np.float64) for (blob,) in blobs]
+        return sum(bool(np.isfinite(v).all() and np.count_nonzero(v) > 1) for v in found)
+
+    def _count_old_positions(self) -> int:
+        """Images with a translation other than zero, which scripts store where none is known."""
+        if "prior_tx" not in self._columns("images"):
+            return 0
+        (count,) = self._rows("SELECT COUNT(*) FROM images WHERE prior_tx != 0 OR prior_ty != 0").fetchone()
+        return int(count)
+
+    def _columns(self, table: str) -> set[str]:
+        """Names of the columns of a table, none if there is no such table."""
+        return {name for _, name, *_ in self._rows(f"PRAGMA table_info({table})") if table in self._tables}
 
     def _keypoints(self, number_of: dict[Any, int]) -> tuple[list[FloatArray], list[FloatArray]]:
         keypoints = [np.empty((0, 2)) for _ in number_of]

@@ -1,8 +1,8 @@
 """COLMAP's fisheye lenses as a camera function.
 
 The distance from the principal point is ``f θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`` with the angle θ from the
-axis (Kannala & Brandt 2006, as OpenCV has it): OPENCV_FISHEYE, and RADIAL_FISHEYE and SIMPLE_RADIAL_FISHEYE
-with some of its parameters.
+axis (Kannala & Brandt 2006, as OpenCV has it): OPENCV_FISHEYE, and with some or none of its parameters
+RADIAL_FISHEYE, SIMPLE_RADIAL_FISHEYE, FISHEYE and SIMPLE_FISHEYE.
 """
 
 from __future__ import annotations

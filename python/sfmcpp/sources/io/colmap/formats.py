@@ -57,7 +57,7 @@ def read_colmap_binary(folder: Path) -> Problem:
         If a file is missing or damaged, files contradict each other, a track has a keypoint twice, a sensor
         of a rig is no camera or has no pose, or a camera model is none of SIMPLE_PINHOLE, PINHOLE,
         SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV without a divisor, or, alone, of SIMPLE_RADIAL_FISHEYE,
-        RADIAL_FISHEYE, OPENCV_FISHEYE.
+        RADIAL_FISHEYE, OPENCV_FISHEYE, SIMPLE_FISHEYE, FISHEYE.
     """
     _require_model(folder, binary.FILES)
     found = _problem(binary.read_binary(folder), read_binary_rigs(folder), "colmap-binary")
@@ -92,7 +92,7 @@ def write_colmap_binary(problem: Problem, folder: Path) -> None:
     ------
     DatasetError
         If no supported camera model holds the intrinsics, a sensor of a rig has several rows of intrinsics
-        or shares one, `folder` already has rigs of several sensors, or a file cannot be written.
+        or shares one, `folder` has rigs of several sensors and the problem none, or a file cannot be written.
     """
     _write(problem, folder, _BINARY)
 
@@ -120,12 +120,11 @@ class _Files:
     def named_contents(self, folder: Path, problem: Problem, tables: Tables) -> _Named:
         """Names of files and their contents, in pieces."""
         yield from zip(self.names, self.contents(tables), strict=True)
-        model = self.trivial_rigs(folder)
-        if model is not None:
-            model = with_poses_of(tables, model)
         if problem.rigs is not None:
             paths = [folder / name for name in self.rig_names]
-            model = rig_model_of(problem, problem.rigs, tables, paths)
+            model: RigModel | None = rig_model_of(problem, problem.rigs, tables, paths)
+        elif (model := self.trivial_rigs(folder)) is not None:
+            model = with_poses_of(tables, model)
         if model is not None:
             yield from zip(self.rig_names, self.rig_contents(model), strict=True)
 
@@ -138,9 +137,9 @@ _KINDS = (_TEXT, _BINARY)
 
 def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
     """Write these kinds, and any other that is there: a folder has one model, however often."""
-    _require_target(folder)
+    _require_target(folder, problem)
     tables = tables_from_problem(problem, folder)
-    kinds = [kind for kind in _KINDS if kind in wanted or _has_any_file(folder, kind.names)]
+    kinds = [k for k in _KINDS if k in wanted or _has_any_file(folder, (*k.names, *k.rig_names))]
     contents = list(chain.from_iterable(kind.named_contents(folder, problem, tables) for kind in kinds))
     origin = origin_files(problem)
     contents += origin.items()
@@ -151,11 +150,12 @@ def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
         (folder / ORIGIN).unlink()
 
 
-def _require_target(folder: Path) -> None:
-    """Refuse a file, and a folder with rigs of several sensors, which would contradict the new poses."""
+def _require_target(folder: Path, problem: Problem | None) -> None:
+    """Refuse a file and, for a problem without rigs, those of several sensors, which would contradict it."""
     require_folder(folder, " for a COLMAP model")
-    for kind in _KINDS:
-        kind.trivial_rigs(folder)
+    if problem is not None and problem.rigs is None:
+        for kind in _KINDS:
+            kind.trivial_rigs(folder)
 
 
 def _require_model(folder: Path, names: tuple[str, ...]) -> None:

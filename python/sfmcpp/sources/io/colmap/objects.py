@@ -37,7 +37,8 @@ def from_pycolmap(reconstruction: Any) -> Problem:
     InvalidArgument
         If it is no reconstruction, or not a complete one, a sensor of a rig is no camera or has no pose, or
         a camera model is none of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV without
-        a divisor, or, alone, of SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE.
+        a divisor, or, alone, of SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE, SIMPLE_FISHEYE,
+        FISHEYE.
     """
     if not callable(getattr(reconstruction, "write_binary", None)):
         kind = type(reconstruction).__name__
@@ -52,15 +53,20 @@ def from_pycolmap(reconstruction: Any) -> Problem:
             raise InvalidArgument(f"reconstruction: {reason}") from error
         problem = read_colmap_binary(folder)
     images = reconstruction.images
-    if names := [images[key].name for key in sorted(images) if not images[key].has_pose]:
+    if names := [images[key].name for key in sorted(images) if not _has_pose(images[key])]:
         problem.metadata.extra[UNREGISTERED] = names
     return problem
 
 
+def _has_pose(image: Any) -> bool:
+    """Whether an image has a pose, which pycolmap before 3.11 calls registered."""
+    return bool(image.has_pose if hasattr(image, "has_pose") else image.registered)
+
+
 def _sensor_without_pose(reconstruction: Any) -> str:
     """Say which camera has no pose in its rig, of which pycolmap does not tell; empty if all have."""
-    for number, rig in getattr(reconstruction.rigs, "items", dict)():
-        for sensor, pose in rig.non_ref_sensors.items():
+    for number, rig in getattr(getattr(reconstruction, "rigs", None), "items", dict)():
+        for sensor, pose in getattr(rig, "non_ref_sensors", {}).items():
             if pose is None:
                 return f"rig {number}: the pose of camera {sensor.id} in the rig is not known"
     return ""

@@ -19,7 +19,12 @@ PARAMS = {
     "SIMPLE_RADIAL_FISHEYE": [400.0, 512.0, 384.0, 0.05],
     "RADIAL_FISHEYE": [400.0, 512.0, 384.0, 0.05, -0.02],
     "OPENCV_FISHEYE": [400.0, 408.0, 512.0, 384.0, 0.05, -0.02, 0.01, -0.003],
+    "SIMPLE_FISHEYE": [400.0, 512.0, 384.0],
+    "FISHEYE": [400.0, 408.0, 512.0, 384.0],
 }
+# How many of the intrinsics each has: f, aspect, cx, cy, k1, k2, k3, k4.
+KEPT = dict(zip(PARAMS, (5, 6, 8, 4, 4), strict=True))
+FREE = dict(zip(PARAMS, (2, 3, 6, 1, 2), strict=True))
 
 
 def wide_points(count: int = 400) -> np.ndarray:
@@ -81,10 +86,10 @@ def test_derivatives_close_to_the_axis_behind_the_camera_are_those_of_difference
 @pytest.mark.parametrize("format", ["colmap-text", "colmap-binary"])
 @pytest.mark.parametrize("model", PARAMS)
 def test_a_model_keeps_its_lens(tmp_path: Path, model: str, format: str) -> None:
-    kept = {"SIMPLE_RADIAL_FISHEYE": 5, "RADIAL_FISHEYE": 6, "OPENCV_FISHEYE": 8}[model]
-    row = np.where(np.arange(8) < kept, LENS, 0.0)
-    row[1] = LENS[1] if model == "OPENCV_FISHEYE" else 1.0
+    row = np.where(np.arange(8) < KEPT[model], LENS, 0.0)
+    row[1] = LENS[1] if model in ("OPENCV_FISHEYE", "FISHEYE") else 1.0
     problem = scene(row)
+    problem.metadata.extra["colmap_camera_models"] = [model]
     problem.fixed_intrinsics[:] = True
     write(problem, tmp_path / "a", format=format)
     again = read(tmp_path / "a")
@@ -92,8 +97,7 @@ def test_a_model_keeps_its_lens(tmp_path: Path, model: str, format: str) -> None
     assert again.metadata.extra["colmap_camera_models"] == [model]
     np.testing.assert_allclose(again.intrinsics, problem.intrinsics, rtol=1e-15)
     assert sfmcpp.cost(again) == pytest.approx(sfmcpp.cost(problem), rel=1e-9)
-    free = {"SIMPLE_RADIAL_FISHEYE": 2, "RADIAL_FISHEYE": 3, "OPENCV_FISHEYE": 6}[model]
-    assert np.count_nonzero(~again.fixed_intrinsics) == free
+    assert np.count_nonzero(~again.fixed_intrinsics) == FREE[model]
 
 
 def test_an_adjusted_model_is_written_with_the_errors_of_its_points(tmp_path: Path) -> None:

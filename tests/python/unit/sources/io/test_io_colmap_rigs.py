@@ -109,3 +109,22 @@ def test_sensors_that_are_no_cameras_of_colmap_are_not_written(
     problem.intrinsics_index = np.array(rows, np.int32)
     with pytest.raises(DatasetError, match=reason):
         write(problem, tmp_path / "model")
+
+
+@pytest.mark.parametrize("other", FORMATS)
+@pytest.mark.parametrize("format", FORMATS)
+def test_a_model_of_rigs_replaces_another_and_one_without_does_not(
+    tmp_path: Path, format: str, other: str
+) -> None:
+    problem = rig_walk_scene(6, 100, camera_model="perspective", seed=0)
+    assert problem.rigs is not None
+    write(rig_walk_scene(9, 100, camera_model="perspective", seed=1), tmp_path / "model", format=other)
+    write(problem, tmp_path / "model", format=format)
+    for kind in {format, other}:
+        again = read(tmp_path / "model", format=kind)
+        assert again.rigs is not None
+        np.testing.assert_allclose(again.cameras, problem.cameras, rtol=0, atol=1e-12)
+        assert again.rigs.num_frames == problem.rigs.num_frames
+    problem.rigs = None
+    with pytest.raises(DatasetError, match="would be replaced, and this file would contradict the new poses"):
+        write(problem, tmp_path / "model", format=format)

@@ -88,6 +88,7 @@ def test_measurements_of_visualsfm_keep_their_distortion_in_the_metadata(tmp_pat
         ([1, 2, 0], {"pxFocalLength": [FOCAL, 1.25 * FOCAL], "principalPoint": list(CENTRE)}),
         ([1, 2, 4], {"pixelRatio": 0.8}),
         ([1, 2, 6], {"pixelRatio": 1.25}),
+        ([1, 2, 11], {"pixelRatio": 1.25, "focalLength": 1.25 * FOCAL * 7.5 / SIZE[0]}),
     ],
 )
 def test_versions_of_alicevision_tell_focal_lengths_and_centres_in_their_ways(

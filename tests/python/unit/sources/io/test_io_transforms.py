@@ -178,6 +178,7 @@ def test_it_is_a_truth_that_a_model_is_measured_against(tmp_path: Path) -> None:
     ("change", "told"),
     [
         ({"camera_model": "OPENCV_FISHEYE"}, "'OPENCV_FISHEYE': must be one of OPENCV"),
+        ({"is_fisheye": True}, "is_fisheye: fisheye lenses, as instant-ngp marks them, are not supported"),
         ({"fl_x": "8_00"}, "fl_x: '8_00': must be a finite number"),
         ({"fl_x": -1}, "fl_x = -1, fl_y = 808: must be positive"),
         ({"frames": 3}, r"frames: 3.*: must be a list"),
@@ -193,6 +194,21 @@ def test_damage_is_named_with_its_place(change: dict[str, Any], told: str, tmp_p
     (tmp_path / "transforms.json").write_text(json.dumps(content))
     with pytest.raises(DatasetError, match=told):
         read(tmp_path / "transforms.json")
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ([{"cameras": {}, "shots": {}, "points": {}}], "OpenSfM: must be made a Bundler file"),
+        ([{"id": 0, "img_name": "a"}], "is no transforms.json, which has 'frames'"),
+        ({"cameras": []}, "is no transforms.json, which has 'frames'"),
+        ([], "is no transforms.json, which has 'frames'"),
+    ],
+)
+def test_json_of_other_programs_is_named(content: Any, told: str, tmp_path: Path) -> None:
+    (tmp_path / "cameras.json").write_text(json.dumps(content))
+    with pytest.raises(DatasetError, match=told):
+        read(tmp_path / "cameras.json")
 
 
 def test_the_command_line_converts_to_it(tmp_path: Path) -> None:

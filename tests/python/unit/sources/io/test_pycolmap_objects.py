@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -117,6 +118,16 @@ def test_images_without_a_pose_are_named() -> None:
     assert problem.num_cameras == 5
     assert problem.metadata.extra["unregistered_images"] == [model.images[3].name]
     assert "unregistered_images" not in sfmcpp.from_pycolmap(reconstruction()).metadata.extra
+
+
+def test_images_of_older_pycolmap_are_registered_instead_of_having_a_pose() -> None:
+    model = reconstruction()
+    images = {
+        key: SimpleNamespace(name=image.name, registered=key != 3) for key, image in model.images.items()
+    }
+    older = SimpleNamespace(write_binary=model.write_binary, images=images)
+    problem = sfmcpp.from_pycolmap(older)
+    assert problem.metadata.extra["unregistered_images"] == [model.images[3].name]
 
 
 def test_rigs_are_solved_as_pycolmap_solves_them() -> None:
