@@ -20,6 +20,8 @@ from sfmcpp.model.uncertainty import Whitener
 # Pixels so far outside their image, in its larger side, are no rounding. Of images twice as large, whose
 # pixels fill them, 70 % are outside; fewer are outliers, or those of a synthetic scene with a wide view.
 _MARGIN, _SHARE = 0.1, 0.3
+# So many observations are not all in one quadrant by chance.
+_FEWEST = 50
 # So many observations, evenly spread, tell a share.
 _SAMPLE = 100_000
 # A start is no estimate if its RMS is above this, and above that of pixels about their mean, and no fit comes
@@ -41,7 +43,7 @@ _LEAST_RMS = 0.4
 
 
 def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list[str]:
-    """Warn of pixels far outside of the images.
+    """Warn of pixels far outside of the images, or that count from a corner where there is no corner.
 
     Parameters
     ----------
@@ -62,7 +64,8 @@ def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list
     ):
         if index.size and not 0 <= index.min() <= index.max() < end:
             return []  # changed by a callback since
-    return list(_pixels(problem, intrinsics))
+    rows = np.arange(0, problem.num_observations, max(problem.num_observations // _SAMPLE, 1))
+    return [*_pixels(problem, intrinsics, rows), *_of_one_quadrant(problem, intrinsics, rows)]
 
 
 def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
@@ -192,8 +195,7 @@ def _scatter_of_pixels(problem: Problem) -> float:
         return float(np.sqrt(np.mean(np.var(pixels, axis=0))))
 
 
-def _pixels(problem: Problem, intrinsics: FloatArray) -> Iterator[str]:
-    rows = np.arange(0, problem.num_observations, max(problem.num_observations // _SAMPLE, 1))
+def _pixels(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int64]) -> Iterator[str]:
     outside = _far_outside(problem, intrinsics, rows)
     count = int(np.count_nonzero(outside))
     if outside.size and count > _SHARE * outside.size:
@@ -222,3 +224,17 @@ def _far_outside(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int6
     margin = _MARGIN * size.max(axis=1, keepdims=True)
     inside = (pixels > -margin) & (pixels < size + margin)
     return np.asarray(known & ~inside.all(axis=1))
+
+
+def _of_one_quadrant(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int64]) -> Iterator[str]:
+    """Tell where all pixels are to one side of principal points of zero: those of NVM files may be."""
+    names = problem.intrinsic_names
+    if len(rows) < _FEWEST or ("cx" in names and intrinsics[:, [names.index("cx"), names.index("cy")]].any()):
+        return
+    pixels = problem.pixels[rows]
+    if ((pixels >= 0).all(axis=0) | (pixels <= 0).all(axis=0)).all():
+        (left, top), (right, bottom) = pixels.min(axis=0), pixels.max(axis=0)
+        yield (
+            f"principal points are 0, and all pixels to one side of them, {left:.0f} to {right:.0f} and "
+            f"{top:.0f} to {bottom:.0f}: do they count from a corner of the image? Run sfmcpp doctor"
+        )

@@ -47,6 +47,17 @@ def test_pixels_of_larger_images_are_named() -> None:
     assert warnings_of(problem) == []
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_pixels_that_count_from_a_corner_are_named_where_they_should_not(sign: int) -> None:
+    problem = scene()
+    problem.pixels *= [1, sign]
+    problem.intrinsics[:, [2, 3]] = 0
+    problem.metadata.image_sizes = None
+    (warning,) = warnings_of(problem)
+    assert warning.startswith("principal points are 0, and all pixels to one side of them, ")
+    assert warning.endswith("do they count from a corner of the image? Run sfmcpp doctor")
+
+
 def test_focal_lengths_that_are_not_positive_are_named() -> None:
     problem = scene()
     problem.intrinsics[problem.intrinsics_index[2], 0] *= -1
