@@ -92,7 +92,9 @@ def _read_images(path: Path) -> ImageTable:
         words = lines[row].split(None, _IMAGE_NUMBERS)
         names.append(_image_name(path, words, row + 1))
         heads[row] = b" ".join(words[:_IMAGE_NUMBERS])
-        keypoints[row + 1 : row + 2] = lines[row + 1 : row + 2]
+        for second in lines[row + 1 : row + 2]:
+            _refuse_image(path, second, row + 2)
+            keypoints[row + 1] = second
     head = NumberText(path, b"\n".join(heads))
     table = head.values.reshape(-1, _IMAGE_NUMBERS)
     first = head.lines.first
@@ -123,6 +125,18 @@ def _image_rows(lines: list[bytes]) -> list[int]:
             rows.append(row)
             row += 2
     return rows
+
+
+def _refuse_image(path: Path, keypoints: bytes, line: int) -> None:
+    """Refuse the next image where the keypoints of one should be, as in files written by hand."""
+    others = keypoints.split(None, _IMAGE_NUMBERS + 1)[_IMAGE_NUMBERS:]
+    try:
+        [float(word) for word in others[:1]]
+    except ValueError:
+        rule = "each takes two lines, the second for its keypoints, or empty"
+        raise DatasetError(
+            path, f"must hold the keypoints of the image before, not an image: {rule}", line
+        ) from None
 
 
 def _image_name(path: Path, words: list[bytes], line: int) -> str:
