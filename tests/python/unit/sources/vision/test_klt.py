@@ -69,6 +69,22 @@ def test_tracks_follow_a_known_motion_to_a_tenth_of_a_pixel(
     assert in_all.sum() > 0.5 * SETTINGS.columns * SETTINGS.rows * SETTINGS.per_cell
 
 
+@pytest.mark.parametrize("gains", [(1.0, 0.6, 1.0, 0.6), (1.0, 1.3, 1.6, 1.0), (0.3, 1.0, 0.3, 1.0)])
+def test_tracks_are_followed_as_well_where_the_exposure_changes(gains: tuple[float, ...]) -> None:
+    steady = moved((2.7, 1.15), 4)
+    images = [
+        np.minimum(image * gain, 255).astype(np.uint8) for image, gain in zip(steady, gains, strict=True)
+    ]
+    found, reference = FeatureTracks(images, SETTINGS), FeatureTracks(steady, SETTINGS)
+    in_all, of_reference = (np.count_nonzero(np.bincount(f.track_index) == 4) for f in (found, reference))
+    assert in_all > 0.8 * of_reference
+    errors = []
+    for number in np.unique(found.track_index):
+        frames, pixels = track(found, number)
+        errors.append((pixels - pixels[0]) - np.outer(frames - frames[0], (2.7, 1.15)))
+    assert np.percentile(np.linalg.norm(np.concatenate(errors), axis=1), 90) < 0.1
+
+
 @pytest.mark.parametrize("corners", CORNERS)
 def test_corners_are_the_strongest_around_in_the_half_image_by_their_own_measure(corners: str) -> None:
     settings = replace(SETTINGS, corners=corners, quality=0.2)
