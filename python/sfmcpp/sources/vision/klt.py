@@ -13,8 +13,9 @@ images are compared after one of them has got the histogram of the other.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,12 @@ CORNERS = ("shi-tomasi", "harris")
 # Mean change of grey levels, over their mean, that is no other exposure. Corners are followed by their grey
 # levels: a gain of 1.1 shifts them by 0.2 px (median, images of KITTI), one of 1.5 loses three of four.
 _SAME_EXPOSURE = 0.1
+# An image that has fewer of the corners before may be spoilt: black, white or smeared. On KITTI's images half
+# or more are followed, also where it turns.
+_SPOILT = 0.25
+# Share of the lost corners that must be seen again at once: images of something else show up to 0.02, and a
+# pose from a few corners would be a poor one. Images that may be spoilt in a row.
+_SEEN_AGAIN, _MOST_SPOILT = 0.2, 5
 
 
 @dataclass(frozen=True)
@@ -100,7 +107,8 @@ def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = 
     Yields
     ------
     View
-        Of each frame. Each new corner has a new track, numbered from 0; a track sees consecutive frames.
+        Of each frame. Each new corner has a new track, numbered from 0. A track sees consecutive frames,
+        but for some in which nearly all were lost, as in a black one.
 
     Raises
     ------
@@ -116,40 +124,76 @@ def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = 
         yield tracker.look_at(image)
 
 
+class _Seen(NamedTuple):
+    """An image, and the corners seen in it."""
+
+    image: GreyImage
+    corners: Corners
+    tracks: IndexArray
+
+    def only(self, those: BoolArray) -> _Seen:
+        return _Seen(self.image, self.corners[those], self.tracks[those])
+
+
 @dataclass(eq=False)
 class _Tracker:
-    """The last image, and the corners followed in it."""
+    """The last image and the corners followed in it; those that it may have lost as it is spoilt."""
 
     cv2: ModuleType
     settings: KltSettings
     shape: tuple[int, int]
-    corners: Corners = field(default_factory=lambda: np.empty((0, 2), np.float32))
-    tracks: IndexArray = field(default_factory=lambda: np.empty(0, np.int32))
-    image: GreyImage | None = None
+    last: _Seen | None = None
+    lost: _Seen | None = None
+    spoilt: int = 0  # images since `lost`
     next_track: int = 0
 
     def look_at(self, image: GreyImage) -> View:
         """Follow the corners into `image`, and fill up its cells."""
-        if self.image is not None and len(self.corners):
-            moved, good = self._moved(self.image, image)
-            self.corners, self.tracks = moved[good], self.tracks[good]
-        self.image = image
-        self._add(self._new_corners(image))
-        return View(self.tracks, self.corners.astype(np.float64))
+        seen = _Seen(image, np.empty((0, 2), np.float32), np.empty(0, np.int32))
+        if self.last is not None:
+            seen = self._with_lost(self._followed(self.last, image))
+            self._remember_lost(self.last, seen)
+        self.last = self._filled(seen)
+        return View(self.last.tracks, self.last.corners.astype(np.float64))
 
-    def _moved(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
+    def _with_lost(self, seen: _Seen) -> _Seen:
+        """With the corners that an image before has lost, if this one shows them again."""
+        if self.lost is None:
+            return seen
+        again = self._followed(self.lost, seen.image)
+        self.spoilt += 1
+        if len(again.tracks) < _SEEN_AGAIN * len(self.lost.tracks):
+            self.lost = None if self.spoilt >= _MOST_SPOILT else self.lost
+            return seen
+        self.lost = None
+        return _joined(again, seen.only(self._are_free(seen.corners, again.corners)))
+
+    def _remember_lost(self, before: _Seen, seen: _Seen) -> None:
+        """Remember the corners of `before` where most are lost: the image may be spoilt, as a black one."""
+        if self.lost is None and len(seen.tracks) < _SPOILT * len(before.tracks):
+            self.lost, self.spoilt = before.only(~np.isin(before.tracks, seen.tracks)), 0
+
+    def _followed(self, before: _Seen, image: GreyImage) -> _Seen:
+        """Those of the corners before that are followed into an image."""
+        if not len(before.corners):
+            return _Seen(image, before.corners, before.tracks)
+        moved, good = self._moved(before, image)
+        return _Seen(image, moved, before.tracks).only(good)
+
+    def _moved(self, before: _Seen, image: GreyImage) -> tuple[Corners, BoolArray]:
         """Corners in `image`, and which are good; where its exposure differs, with that removed."""
-        as_is = self._tracked(before, image)
-        alike = _exposed_alike(self.cv2, before, image)
+        as_is = self._tracked(before.image, image, before.corners)
+        alike = _exposed_alike(self.cv2, before.image, image)
         if alike is None:
             return as_is
         # What has come into the image changes its grey levels, too; then corners are followed better as is.
-        return max(self._tracked(*alike), as_is, key=lambda found: np.count_nonzero(found[1]))
+        exposed = self._tracked(*alike, before.corners)
+        return max(exposed, as_is, key=lambda found: np.count_nonzero(found[1]))
 
-    def _tracked(self, before: GreyImage, image: GreyImage) -> tuple[Corners, BoolArray]:
-        moved, found, residual = self._flow(before, image, self.corners)
+    def _tracked(self, before: GreyImage, image: GreyImage, corners: Corners) -> tuple[Corners, BoolArray]:
+        moved, found, residual = self._flow(before, image, corners)
         back, found_back, _ = self._flow(image, before, moved)
-        distance = np.linalg.norm(back - self.corners, axis=1)
+        distance = np.linalg.norm(back - corners, axis=1)
         good = found & found_back & (distance <= self.settings.forward_backward_px)
         return moved, good & (residual <= self.settings.max_residual) & self._inside(moved)
 
@@ -174,16 +218,23 @@ class _Tracker:
         last = np.array([width, height]) - 1 - self._border_px
         return np.asarray(((corners >= self._border_px) & (corners <= last)).all(axis=1))
 
-    def _new_corners(self, image: GreyImage) -> Corners:
+    def _filled(self, seen: _Seen) -> _Seen:
+        """With new corners, where cells lack some."""
+        corners = self._new_corners(seen)
+        numbers = np.arange(self.next_track, self.next_track + len(corners), dtype=np.int32)
+        self.next_track += len(corners)
+        return _joined(seen, _Seen(seen.image, corners, numbers))
+
+    def _new_corners(self, seen: _Seen) -> Corners:
         """The strongest where cells lack some."""
-        wanted = self.settings.per_cell - self._cell_counts()
-        mask = self._free_pixels()
+        wanted = self.settings.per_cell - self._cell_counts(seen.corners)
+        mask = self._free_pixels(seen.corners)
         if not (wanted > 0).any() or not mask.any():
             return np.empty((0, 2), np.float32)
         harris, quality = self.settings.corners == "harris", self.settings.quality
         # Each pixel of the half is centred on every other one of the image.
         found = self.cv2.goodFeaturesToTrack(
-            self.cv2.pyrDown(image),
+            self.cv2.pyrDown(seen.image),
             0,
             quality**2 if harris else quality,
             self.settings.min_distance_px / 2,
@@ -198,28 +249,37 @@ class _Tracker:
         cells = self._cells(corners)
         return corners[rank_within(cells) < wanted[cells]]
 
-    def _free_pixels(self) -> GreyImage:
+    def _free_pixels(self, corners: Corners) -> GreyImage:
         """Mask of pixels for new corners: away from the border and from existing corners."""
         free = np.zeros(self.shape, np.uint8)
         edge = self._border_px
         free[edge : self.shape[0] - edge, edge : self.shape[1] - edge] = 255
         taken = np.full(self.shape, 255, np.uint8)
-        columns, rows = np.round(self.corners).astype(np.int64).T
-        taken[rows, columns] = 0
+        taken[_rows_and_columns(corners)] = 0
         size = 2 * self.settings.min_distance_px + 1
         return np.asarray(free & self.cv2.erode(taken, np.ones((size, size), np.uint8)))
+
+    def _are_free(self, corners: Corners, others: Corners) -> BoolArray:
+        """Whether each of the corners is away from all of the others."""
+        return np.asarray(self._free_pixels(others)[_rows_and_columns(corners)] > 0)
 
     def _cells(self, corners: Corners) -> NDArray[np.int64]:
         return cells_of(corners, self.shape, self.settings.columns, self.settings.rows)
 
-    def _cell_counts(self) -> NDArray[np.int64]:
-        return np.bincount(self._cells(self.corners), minlength=self.settings.columns * self.settings.rows)
+    def _cell_counts(self, corners: Corners) -> NDArray[np.int64]:
+        return np.bincount(self._cells(corners), minlength=self.settings.columns * self.settings.rows)
 
-    def _add(self, corners: Corners) -> None:
-        numbers = np.arange(self.next_track, self.next_track + len(corners), dtype=np.int32)
-        self.next_track += len(corners)
-        self.corners = np.concatenate([self.corners, corners])
-        self.tracks = np.concatenate([self.tracks, numbers])
+
+def _rows_and_columns(corners: Corners) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    columns, rows = np.round(corners).astype(np.int64).T
+    return rows, columns
+
+
+def _joined(some: _Seen, others: _Seen) -> _Seen:
+    """Both, by their tracks."""
+    tracks = np.concatenate([some.tracks, others.tracks])
+    order = np.argsort(tracks)
+    return _Seen(some.image, np.concatenate([some.corners, others.corners])[order], tracks[order])
 
 
 def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:

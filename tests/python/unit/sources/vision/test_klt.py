@@ -174,12 +174,35 @@ def test_another_picture_ends_nearly_all_tracks() -> None:
     assert len(np.intersect1d(first, second)) < 0.1 * len(first)
 
 
-def test_a_blank_image_has_no_tracks_and_those_after_it_are_new() -> None:
+@pytest.mark.parametrize("blanks", [1, 5])
+def test_corners_before_blank_images_are_followed_to_those_after_them(blanks: int) -> None:
     blank = np.full((HEIGHT, WIDTH), 90, np.uint8)
-    found = FeatureTracks([texture((0, 0)), blank, texture((0, 0))], SETTINGS)
-    first, none, last = (found.track_index[found.frame_index == k] for k in range(3))
-    assert len(none) == 0
+    first, last = moved((7.4, -5.2), 2)
+    found = FeatureTracks([first, *[blank] * blanks, last], SETTINGS)
+    assert set(found.frame_index) == {0, blanks + 1}
+    motions = [np.diff(track(found, k)[1], axis=0) for k in range(found.track_index.max() + 1)]
+    followed = np.concatenate(motions)
+    assert len(followed) > 0.7 * np.count_nonzero(found.frame_index == 0)
+    assert np.median(np.abs(followed - [7.4, -5.2])) < 0.05
+    assert (np.diff(found.track_index[found.frame_index == blanks + 1]) > 0).all()
+
+
+def test_after_many_blank_images_all_tracks_are_new() -> None:
+    blank = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    found = FeatureTracks([texture((0, 0)), *[blank] * 6, texture((0, 0))], SETTINGS)
+    first, last = (found.track_index[found.frame_index == k] for k in (0, 7))
     assert last.min() > first.max()
+
+
+def test_corners_that_come_back_are_not_followed_twice() -> None:
+    scene, spoilt = texture((0, 0)), texture((0, 0), seed=2)
+    # A shadow of the scene: its corners are found in the spoilt image, too.
+    spoilt = (0.75 * spoilt + 0.25 * scene).astype(np.uint8)
+    found = FeatureTracks([scene, spoilt, scene], SETTINGS)
+    last = found.pixels[found.frame_index == 2]
+    difference = np.linalg.norm(last[:, None] - last[None], axis=2)
+    np.fill_diagonal(difference, np.inf)
+    assert difference.min() >= SETTINGS.min_distance_px - 1
 
 
 @pytest.mark.parametrize("threads", [1, 4])
