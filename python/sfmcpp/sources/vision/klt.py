@@ -95,7 +95,7 @@ class KltSettings:
 def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = None) -> Iterator[View]:
     """Follow corners through images as they come; the same images give the same tracks.
 
-    Only the last image and its corners are kept.
+    A copy of the last image and its corners are kept, and of one before spoilt ones.
 
     Parameters
     ----------
@@ -121,7 +121,8 @@ def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = 
     for number, image in enumerate(frames):
         _require_grey(number, image, tracker)
         tracker = tracker or _Tracker(load_cv2(), settings or KltSettings(), image.shape)
-        yield tracker.look_at(image)
+        # A copy: cameras give the same array again, with the next image in it.
+        yield tracker.look_at(image.copy())
 
 
 class _Seen(NamedTuple):
@@ -287,6 +288,8 @@ def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> No
     if image.dtype != np.uint8 or image.ndim != 2:
         found = f"{image.dtype} {image.shape}"
         raise InvalidArgument(f"frames[{number}] is {found}: must be uint8 (height, width)")
+    if not image.size:
+        raise InvalidArgument(f"frames[{number}] has shape {image.shape}: must have pixels")
     if tracker is not None and image.shape != tracker.shape:
         rule = f"must be {tracker.shape} as the first"
         raise InvalidArgument(f"frames[{number}] has shape {image.shape}: {rule}")

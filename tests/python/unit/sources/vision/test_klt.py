@@ -253,3 +253,18 @@ def test_frames_of_another_kind_or_size_are_refused() -> None:
         FeatureTracks([np.zeros((20, 30))])
     with pytest.raises(InvalidArgument, match=r"frames\[1\] has shape \(20, 31\)"):
         FeatureTracks([np.zeros((20, 30), np.uint8), np.zeros((20, 31), np.uint8)])
+    with pytest.raises(InvalidArgument, match=r"frames\[0\] has shape \(0, 30\): must have pixels"):
+        FeatureTracks([np.zeros((0, 30), np.uint8)])
+
+
+def test_a_camera_may_give_each_image_in_the_same_array() -> None:
+    images = moved((2.7, 1.15), 4)
+    buffer = np.empty_like(images[0])
+
+    def from_camera() -> Iterator[np.ndarray]:
+        for image in images:
+            buffer[:] = image
+            yield buffer
+
+    found, reference = FeatureTracks(from_camera(), SETTINGS), FeatureTracks(images, SETTINGS)
+    np.testing.assert_array_equal(found.pixels, reference.pixels)
