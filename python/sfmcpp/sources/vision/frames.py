@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -31,6 +32,8 @@ from sfmcpp.sources.vision.images import (
 
 # More of the images of a folder are no accident of one of them; one always is.
 _MOST_UNREADABLE_PART = 0.1
+# Images of a folder of deep ones that tell how bright they get.
+_LOOKED_AT = 8
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
 # Playlists, which FFmpeg knows by how they begin.
@@ -71,12 +74,14 @@ class Frames(ABC):
         """Each frame (height, width) uint8, decoded when it is asked for."""
 
     def numbered(self) -> Iterator[tuple[int, GreyImage]]:
-        """Each frame that can be decoded, with its number from 0; of a folder, up to a tenth may be left out.
+        """Each frame that can be decoded, with its number from 0.
+
+        Of a folder, up to a tenth may be left out: what cannot be decoded, or differs in size from the first.
 
         Raises
         ------
         DatasetError
-            While iterating, if more cannot be decoded, or the size of one differs from that of the first.
+            While iterating, if these are more, or the size of a video changes.
         """
         return enumerate(self)
 
@@ -159,6 +164,10 @@ class _Folder(Frames):
             raise DatasetError(self.path, f"{counts}: {rule}; the first, {name}: {reason}")
 
     def _read(self, file: Path) -> GreyImage:
+        image = self._decoded(file)
+        return image if image.dtype == np.uint8 else self._eight_bits(image)
+
+    def _decoded(self, file: Path) -> NDArray[Any]:
         try:
             content = file.read_bytes()
         except OSError as error:
@@ -173,13 +182,22 @@ class _Folder(Frames):
             image = None
         if image is None:
             raise DatasetError(file, f"is no image that can be decoded ({len(data)} bytes)")
-        return image if image.dtype == np.uint8 else self._eight_bits(image)
+        return np.asarray(image)
 
     def _eight_bits(self, deep: NDArray[Any]) -> GreyImage:
-        """With the white of the first frame: points are followed by their brightness."""
+        """With one white for all: points are followed by their brightness."""
         if self._white is None:
-            self._white = white_level(deep)
+            self._white = max(white_level(deep), self._white_of_others(deep.dtype))
         return eight_bits(deep, self._white)
+
+    def _white_of_others(self, kind: np.dtype[Any]) -> float:
+        """White of some images that are spread over the folder, as the first one may be dark."""
+        white = 0.0
+        for file in self._files[:: max(1, len(self._files) // _LOOKED_AT)]:
+            with suppress(DatasetError):
+                image = self._decoded(file)
+                white = max(white, white_level(image) if image.dtype == kind else 0.0)
+        return white
 
 
 class _Video(Frames):
