@@ -106,7 +106,8 @@ def open_frames(path: str | PathLike[str]) -> Frames:
     ------
     DatasetError
         If there is no such file, no image in the folder, no frame in the video, or OpenCV is not installed;
-        and while iterating, if an image cannot be decoded, or its size differs from that of the first.
+        and while iterating, if an image cannot be decoded, or its size differs from that of the first; but see
+        :meth:`Frames.numbered`.
     """
     source = Path(path)
     try:
@@ -145,12 +146,12 @@ class _Folder(Frames):
         for number, file in enumerate(self._files):
             try:
                 image = self._read(file)
+                first = first or (image.shape, file.name)
+                _require_size(file, image.shape, *first)
             except DatasetError as error:
                 reasons[file.name] = error.reason
                 self._require_few_unreadable()
                 continue
-            first = first or (image.shape, file.name)
-            _require_size(file, image.shape, *first)
             yield number, image
         if first is None:
             name, reason = next(iter(reasons.items()))

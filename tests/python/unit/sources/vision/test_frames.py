@@ -70,6 +70,19 @@ def test_deep_images_of_a_camera_that_starts_in_the_dark_keep_their_highlights(
     assert found[4:] == [(60_000 - 100 * number) // 256 for number in range(4, 30)]
 
 
+def test_a_few_images_of_another_size_are_left_out_and_more_are_refused(tmp_path: Path) -> None:
+    for number in range(20):
+        write_grey(tmp_path / f"{number}.png", number)
+    for number in (3, 19):
+        write_grey(tmp_path / f"{number}.png", number, (6, 8))
+    frames = open_frames(tmp_path)
+    assert [number for number, _ in frames.numbered()] == [*range(3), *range(4, 19)]
+    assert frames.unreadable["3.png"] == "has 8×6 pixels: must be 64×48 as 0.png"
+    write_grey(tmp_path / "4.png", 4, (6, 8))
+    with pytest.raises(DatasetError, match=r"the first, 3\.png: has 8×6 pixels: must be 64×48 as 0\.png"):
+        list(frames.numbered())
+
+
 def test_a_video_gives_its_frames_and_its_rate_as_often_as_asked(tmp_path: Path) -> None:
     write_video(tmp_path / "a.avi", [40, 80, 120], fps=12.5)
     frames = open_frames(tmp_path / "a.avi")
