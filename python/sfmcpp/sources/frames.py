@@ -225,6 +225,7 @@ class ImageStream(FrameSource):
     ) -> None:
         self._images, self._time_of, self._settings = images, time_of, settings
         self._count, self._last = len(images), len(images) - 1
+        self._expected_s = self._span_to(self._last)
         self.intrinsics = intrinsics
         self.corners = settings.corners
         self.image_names = images.names
@@ -233,9 +234,8 @@ class ImageStream(FrameSource):
 
     def identity(self) -> dict[str, Any]:
         """Camera, times, and how corners are followed; the same whether or not images have been read."""
-        count = len(self._images)
-        times = self._span_to(count - 1)
-        return {"camera": self.intrinsics, "count": count, "times": times, "settings": self._settings}
+        known = {"camera": self.intrinsics, "count": len(self._images), "times": self._expected_s}
+        return {**known, "settings": self._settings}
 
     def __len__(self) -> int:
         """Frames expected; those that there were, once all have been seen."""
@@ -311,7 +311,7 @@ def open_images(
     -------
     stream : ImageStream
         Its times are, the first that there is: `fps`, the stamps, ``times.txt``, EuRoC's ``data.csv``, names
-        of images that are nanoseconds, the frame rate of the video, ten a second; see
+        of images that are nanoseconds, the times or the rate of the video, ten a second; see
         :mod:`sfmcpp.sources.frame_times`. While it runs, it leaves out images of a folder that cannot be
         read, up to a tenth, and raises a DatasetError if they are more, or an image has no time.
     truth : Trajectory or None
@@ -330,7 +330,7 @@ def open_images(
     calibration = _calibration(source, camera)
     intrinsics = pinhole_rows(calibration.intrinsics)
     time_of, assumed_fps, doubt = times_of_images(images, fps, stamps)
-    truth = _truth(images, time_of)
+    truth, time_of = _truth(images, time_of)
     _require_fitting(images, intrinsics, calibration.size)
     stream = ImageStream(images, intrinsics, time_of, settings)
     stream.assumed_fps, stream.doubt = assumed_fps, doubt
@@ -349,15 +349,15 @@ def _numbered_densely(tracks: IndexArray) -> IndexArray:
     return np.unique(tracks, return_inverse=True)[1].astype(np.int32)
 
 
-def _truth(images: Frames, time_of: TimeOf) -> Trajectory | None:
+def _truth(images: Frames, time_of: TimeOf) -> tuple[Trajectory | None, TimeOf]:
+    """True poses beside the images, and the times of these; those of poses without stamps are the same."""
     path = file_beside(images.path, _TRUTH)
-    if path is None:
-        return None
-    truth = read_trajectory(path)
-    if truth.stamped:
-        return truth
+    truth = None if path is None else read_trajectory(path)
+    if path is None or truth is None or truth.stamped:
+        return truth, time_of
     require_as_many(path, len(truth), "poses", images)
-    return Trajectory(np.array([time_of(number) for number in range(len(truth))]), truth.poses)
+    t_s = np.array([time_of(number) for number in range(len(truth))])
+    return Trajectory(t_s, truth.poses), lambda k: float(t_s[k]) if k < len(t_s) else time_of(k)
 
 
 def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None) -> None:

@@ -19,6 +19,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.files import failures_named, require_regular_file
 from sfmcpp.sources.vision.images import (
+    RAW_VIDEOS,
     GreyImage,
     eight_bits,
     is_picture,
@@ -36,6 +37,8 @@ _MOST_UNREADABLE_PART = 0.1
 _LOOKED_AT = 8
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
+# Stamps that differ by less are the same but for rounding.
+_SAME_TIME_S = 1e-6
 # Playlists, which FFmpeg knows by how they begin.
 _LISTS = (b"ffconcat version", b"#EXTM3U")
 
@@ -53,12 +56,15 @@ class Frames(ABC):
         Names of the files, of a folder; a video has none.
     unreadable : mapping of str to str
         Reason for each file that :meth:`numbered` has left out, by its name.
+    stamps : sequence of float
+        Times of the frames of a video decoded so far, since the first one, increasing [s].
     """
 
     path: Path
     fps: float | None = None
     names: Sequence[str] = ()
     unreadable: Mapping[str, str] = MappingProxyType({})
+    stamps: Sequence[float] = ()
 
     @abstractmethod
     def __len__(self) -> int:
@@ -106,8 +112,8 @@ def open_frames(path: str | PathLike[str]) -> Frames:
     ------
     DatasetError
         If there is no such file, no image in the folder, no frame in the video, or OpenCV is not installed;
-        and while iterating, if an image cannot be decoded, or its size differs from that of the first; but see
-        :meth:`Frames.numbered`.
+        and while iterating, if an image cannot be decoded, or its size differs from that of the first, except
+        in :meth:`Frames.numbered`.
     """
     source = Path(path)
     try:
@@ -208,7 +214,8 @@ class _Video(Frames):
         video = self._open()
         self._count = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
         fps = float(video.get(cv2.CAP_PROP_FPS))
-        self.fps = fps if math.isfinite(fps) and fps > 0 else None
+        told = path.suffix.lower() not in RAW_VIDEOS and math.isfinite(fps) and fps > 0
+        self.fps = fps if told else None
         sides = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
         require_few_pixels(path, *(int(video.get(side)) for side in sides))
         readable, _ = video.read()
@@ -226,11 +233,14 @@ class _Video(Frames):
     def __iter__(self) -> Iterator[GreyImage]:
         video = self._open()
         decoded, first = 0, None
+        clock = _VideoClock(self.fps)
+        self.stamps = clock.stamps
         try:
             while (image := self._next(video)) is not None:
                 first = first or image.shape
                 _require_size(self.path, image.shape, first, f"frame 0, in frame {decoded}")
                 decoded += 1
+                clock.note(1e-3 * float(video.get(self._cv2.CAP_PROP_POS_MSEC)))
                 yield image
         finally:
             video.release()
@@ -252,6 +262,26 @@ class _Video(Frames):
             return None
         grey = image if image.ndim == 2 else self._cv2.cvtColor(image, self._cv2.COLOR_BGR2GRAY)
         return np.asarray(grey, dtype=np.uint8)
+
+
+class _VideoClock:
+    """Times of the frames of a video: cameras of telephones take fewer in the dark."""
+
+    def __init__(self, fps: float | None) -> None:
+        self._usual_s = 1 / (fps or 1.0)
+        self._first_s = 0.0
+        self.stamps: list[float] = []
+
+    def note(self, time_s: float) -> None:
+        """Take the time of the next frame, as the file tells it; one that is not later tells nothing."""
+        if not self.stamps:
+            self._first_s = time_s
+        since_s = time_s - self._first_s
+        counted_s = len(self.stamps) * self._usual_s
+        if abs(since_s - counted_s) < _SAME_TIME_S:
+            since_s = counted_s
+        before_s = self.stamps[-1] if self.stamps else -math.inf
+        self.stamps.append(since_s if since_s > before_s else before_s + self._usual_s)
 
 
 def _require_one_video(path: Path) -> None:
