@@ -197,7 +197,7 @@ def run(
     used = motion_sensors(drive, sensors, sigmas)
     listener = _Listener(callback)
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
-    result.warnings.extend(_doubts_of_times(drive.frames, used))
+    result.warnings.extend(_doubts_of_frames(drive.frames, used))
     result.warnings.extend(doubts_of_units(used))
     result.warnings.extend(_losses(drive.frames))
     frames = len(result.path.times)
@@ -212,13 +212,12 @@ def _origin_of(sensors: Sequence[MotionSensor]) -> WorldOrigin | None:
     return next((sensor.origin for sensor in sensors if isinstance(sensor, Gps)), None)
 
 
-def _doubts_of_times(frames: FrameSource, sensors: Sequence[MotionSensor]) -> Iterator[str]:
-    """Warn of an assumed rate beside sensors, whose seconds are true ones, and of missing images."""
+def _doubts_of_frames(frames: FrameSource, sensors: Sequence[MotionSensor]) -> Iterator[str]:
+    """Warn of an assumed rate beside sensors, whose seconds are true ones, and of what frames doubt."""
     if frames.assumption is not None and sensors:
         # Metres a second at the wrong seconds are as many wrong metres.
         yield f"{frames.assumption}; where that is wrong, so are the scale and the clocks of the sensors"
-    if frames.doubt is not None:
-        yield frames.doubt
+    yield from (doubt for doubt in (frames.doubt, frames.camera_doubt) if doubt is not None)
 
 
 def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:

@@ -38,6 +38,9 @@ from sfmcpp.sources.vision.images import GreyImage
 _TRUTH = "poses.txt"
 _DENSE_ENOUGH = 100_000
 _DISTORTED = len(PERSPECTIVE)
+# A principal point that is off the middle by such a factor, the same along both axes but for another, is that
+# of images of another size; cropping or a lens shifts it by pixels, and seldom along the diagonal.
+_OTHER_SIZE, _SAME_FACTOR = 1.3, 1.1
 
 CameraArgument = str | PathLike[str] | Sequence[float] | None
 
@@ -59,6 +62,8 @@ class FrameSource(ABC):
         Frames per second where nothing tells their times; None where something does.
     doubt : str or None
         What makes their times doubtful, a sentence.
+    camera_doubt : str or None
+        What makes the intrinsics doubtful, a sentence.
     image_size : tuple of int or None
         Width and height of the images [px], once one has been seen; None for tracks.
     image_names : sequence of str
@@ -74,6 +79,7 @@ class FrameSource(ABC):
     seconds: float | None = None
     assumed_fps: float | None = None
     doubt: str | None = None
+    camera_doubt: str | None = None
     image_size: tuple[int, int] | None = None
     image_names: Sequence[str] = ()
     first_pixel_px: float = 0.5
@@ -331,9 +337,11 @@ def open_images(
     intrinsics = pinhole_rows(calibration.intrinsics)
     time_of, assumed_fps, doubt = times_of_images(images, fps, stamps)
     truth, time_of = _truth(images, time_of)
-    _require_fitting(images, intrinsics, calibration.size)
+    size = _size_that_fits(images, intrinsics, calibration.size)
     stream = ImageStream(images, intrinsics, time_of, settings)
     stream.assumed_fps, stream.doubt = assumed_fps, doubt
+    if calibration.size is None:
+        stream.camera_doubt = _doubt_of_size(intrinsics, *size)
     return stream, truth
 
 
@@ -360,7 +368,10 @@ def _truth(images: Frames, time_of: TimeOf) -> tuple[Trajectory | None, TimeOf]:
     return Trajectory(t_s, truth.poses), lambda k: float(t_s[k]) if k < len(t_s) else time_of(k)
 
 
-def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None) -> None:
+def _size_that_fits(
+    images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None
+) -> tuple[int, int]:
+    """Width and height of the images; a DatasetError if the camera is not for these."""
     cx, cy = intrinsics[2:4]
     height, width = next(image for _, image in images.numbered()).shape
     size = f"{width}×{height}"
@@ -371,3 +382,16 @@ def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[i
         wanted = f"{calibrated[0]}×{calibrated[1]}"
         reason = f"its images have {size} pixels, the camera is for {wanted}: scale one of them to the other"
         raise DatasetError(images.path, reason)
+    return width, height
+
+
+def _doubt_of_size(intrinsics: FloatArray, width: int, height: int) -> str | None:
+    """Tell if the principal point is off the middle by the same factor along both axes."""
+    factors = 2 * intrinsics[2:4] / (width, height)
+    if factors.max() > _SAME_FACTOR * factors.min() or max(*factors, *(1 / factors)) < _OTHER_SIZE:
+        return None
+    cx, cy = intrinsics[2:4]
+    whole = (
+        f"the camera's principal point ({cx:g}, {cy:g}) is the middle of images of {2 * cx:.0f}×{2 * cy:.0f}"
+    )
+    return f"{whole} pixels, these have {width}×{height}: if they were scaled, scale f, cx and cy, too"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sfmcpp import slam
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.cameras import find_camera, read_intrinsics
 from sfmcpp.sources.drives import open_drive
@@ -253,6 +254,19 @@ def test_a_camera_for_images_of_another_size_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(DatasetError, match="the camera is for 640×480"):
         open_images(images, tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize(
+    ("cx", "cy", "doubted"),
+    [(60.0, 46.0, True), (16.0, 12.0, True), (36.0, 20.0, False), (60.0, 24.0, False)],
+)
+def test_a_camera_whose_middle_is_that_of_images_of_another_size_is_doubted(
+    tmp_path: Path, cx: float, cy: float, doubted: bool
+) -> None:
+    images = write_images(tmp_path / "images")
+    warnings = slam.run(images, camera=(90.0, 1.0, cx, cy, 0.0)).result.warnings
+    told = f"the middle of images of {2 * cx:.0f}×{2 * cy:.0f} pixels, these have 64×48: if they were scaled"
+    assert any(told in warning for warning in warnings) == doubted
 
 
 def test_a_rate_that_nothing_tells_is_known_to_be_assumed(tmp_path: Path) -> None:
