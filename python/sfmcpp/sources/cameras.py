@@ -28,6 +28,10 @@ from sfmcpp.sources.io.number_text import NumberText
 CALIBRATION_FILES = ("calib.txt", "K.txt", "sensor.yaml")
 _PROJECTION = re.compile(r"(?:P\w*:)?((?:\s*[-+.\deE]+(?=\s|$)){12})\s*")
 
+# A principal point that is off the middle by such a factor, the same along both axes but for another, is that
+# of images of another size; cropping or a lens shifts it by pixels, and seldom along the diagonal.
+_OTHER_SIZE, _SAME_FACTOR = 1.3, 1.1
+
 
 def places_beside(source: Path) -> tuple[Path, ...]:
     """Folders in which files about a folder of images or a video are looked for, the nearest first."""
@@ -140,3 +144,15 @@ def _projection_rows(data: bytes) -> list[bytes]:
 
 def _projections(path: Path, rows: list[bytes]) -> FloatArray:
     return NumberText(path, b"\n".join(rows)).values.reshape(-1, 3, 4)[:, :, :3]
+
+
+def doubt_of_size(intrinsics: FloatArray, width: int, height: int) -> str | None:
+    """Tell if the principal point is off the middle by the same factor along both axes."""
+    factors = 2 * intrinsics[2:4] / (width, height)
+    if factors.max() > _SAME_FACTOR * factors.min() or max(*factors, *(1 / factors)) < _OTHER_SIZE:
+        return None
+    cx, cy = intrinsics[2:4]
+    whole = (
+        f"the camera's principal point ({cx:g}, {cy:g}) is the middle of images of {2 * cx:.0f}×{2 * cy:.0f}"
+    )
+    return f"{whole} pixels, these have {width}×{height}: if they were scaled, scale f, cx and cy, too"

@@ -18,6 +18,7 @@ from sfmcpp.geometry.pinhole import PINHOLE, pinhole_rows
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import (
     ANY,
+    BoolArray,
     FloatArray,
     IndexArray,
     finite_array,
@@ -28,19 +29,16 @@ from sfmcpp.model.arrays import (
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
-from sfmcpp.sources.cameras import file_beside, find_camera, intrinsics_of, read_camera
+from sfmcpp.sources.cameras import doubt_of_size, file_beside, find_camera, intrinsics_of, read_camera
 from sfmcpp.sources.frame_times import TimeOf, require_as_many, times_of_images
 from sfmcpp.sources.io.calibration import Calibration
 from sfmcpp.sources.io.trajectories import read_trajectory
-from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames
+from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames, read_frame_mask
 from sfmcpp.sources.vision.images import GreyImage
 
 _TRUTH = "poses.txt"
 _DENSE_ENOUGH = 100_000
 _DISTORTED = len(PERSPECTIVE)
-# A principal point that is off the middle by such a factor, the same along both axes but for another, is that
-# of images of another size; cropping or a lens shifts it by pixels, and seldom along the diagonal.
-_OTHER_SIZE, _SAME_FACTOR = 1.3, 1.1
 
 CameraArgument = str | PathLike[str] | Sequence[float] | None
 
@@ -224,11 +222,19 @@ class ImageStream(FrameSource):
         Time of the image of that number [s].
     settings : KltSettings
         How corners are found and followed.
+    mask : (height, width) bool, optional
+        False where nothing is followed.
     """
 
     def __init__(
-        self, images: Frames, intrinsics: FloatArray, time_of: TimeOf, settings: KltSettings
+        self,
+        images: Frames,
+        intrinsics: FloatArray,
+        time_of: TimeOf,
+        settings: KltSettings,
+        mask: BoolArray | None = None,
     ) -> None:
+        self._mask = mask
         self._images, self._time_of, self._settings = images, time_of, settings
         self._count, self._last = len(images), len(images) - 1
         self._expected_s = self._span_to(self._last)
@@ -241,7 +247,8 @@ class ImageStream(FrameSource):
     def identity(self) -> dict[str, Any]:
         """Camera, times, and how corners are followed; the same whether or not images have been read."""
         known = {"camera": self.intrinsics, "count": len(self._images), "times": self._expected_s}
-        return {**known, "settings": self._settings}
+        masked = {} if self._mask is None else {"mask": self._mask}
+        return {**known, "settings": self._settings, **masked}
 
     def __len__(self) -> int:
         """Frames expected; those that there were, once all have been seen."""
@@ -269,7 +276,7 @@ class ImageStream(FrameSource):
                 self.image_size = image.shape[1], image.shape[0]
                 yield image
 
-        stream = follow_features(images(), self._settings)
+        stream = follow_features(images(), self._settings, self._mask)
         while (seen := self._timed_next(stream)) is not None:
             self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
             yield Frame(numbers[-1], self._time_of(numbers[-1]), seen)
@@ -293,6 +300,7 @@ def open_images(
     fps: float | None = None,
     corners: str = CORNERS[0],
     stamps: FloatArray | None = None,
+    mask: str | PathLike[str] | None = None,
 ) -> tuple[ImageStream, Trajectory | None]:
     """Open a folder of images or a video; the first image that can be read is looked at.
 
@@ -312,6 +320,8 @@ def open_images(
         What is followed, one of :data:`sfmcpp.sources.vision.CORNERS`.
     stamps : (n,) float64, optional
         Times of the first n images or more as the sensors know them [s]. With `fps` only the first counts.
+    mask : path-like, optional
+        An image of the size of the frames: nothing is followed where it is black, as on a car's own bonnet.
 
     Returns
     -------
@@ -338,10 +348,11 @@ def open_images(
     time_of, assumed_fps, doubt = times_of_images(images, fps, stamps)
     truth, time_of = _truth(images, time_of)
     size = _size_that_fits(images, intrinsics, calibration.size)
-    stream = ImageStream(images, intrinsics, time_of, settings)
+    usable = None if mask is None else read_frame_mask(Path(mask), *size)
+    stream = ImageStream(images, intrinsics, time_of, settings, usable)
     stream.assumed_fps, stream.doubt = assumed_fps, doubt
     if calibration.size is None:
-        stream.camera_doubt = _doubt_of_size(intrinsics, *size)
+        stream.camera_doubt = doubt_of_size(intrinsics, *size)
     return stream, truth
 
 
@@ -383,15 +394,3 @@ def _size_that_fits(
         reason = f"its images have {size} pixels, the camera is for {wanted}: scale one of them to the other"
         raise DatasetError(images.path, reason)
     return width, height
-
-
-def _doubt_of_size(intrinsics: FloatArray, width: int, height: int) -> str | None:
-    """Tell if the principal point is off the middle by the same factor along both axes."""
-    factors = 2 * intrinsics[2:4] / (width, height)
-    if factors.max() > _SAME_FACTOR * factors.min() or max(*factors, *(1 / factors)) < _OTHER_SIZE:
-        return None
-    cx, cy = intrinsics[2:4]
-    whole = (
-        f"the camera's principal point ({cx:g}, {cy:g}) is the middle of images of {2 * cx:.0f}×{2 * cy:.0f}"
-    )
-    return f"{whole} pixels, these have {width}×{height}: if they were scaled, scale f, cx and cy, too"

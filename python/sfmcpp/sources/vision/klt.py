@@ -18,7 +18,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, number_array
@@ -92,7 +92,9 @@ class KltSettings:
             raise InvalidArgument(f"window_px = {self.window_px}: must be odd, from 3 to 255")
 
 
-def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = None) -> Iterator[View]:
+def follow_features(
+    frames: Iterable[GreyImage], settings: KltSettings | None = None, mask: ArrayLike | None = None
+) -> Iterator[View]:
     """Follow corners through images as they come; the same images give the same tracks.
 
     A copy of the last image and its corners are kept, and of one before spoilt ones.
@@ -103,6 +105,8 @@ def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = 
         Images of one size; each is looked at when its features are asked for.
     settings : KltSettings, optional
         Default: that of a car's camera.
+    mask : (height, width), optional
+        Zero or False where nothing is followed, as on the bonnet of a car.
 
     Yields
     ------
@@ -113,14 +117,15 @@ def follow_features(frames: Iterable[GreyImage], settings: KltSettings | None = 
     Raises
     ------
     InvalidArgument
-        If a frame is not of uint8 numbers (height, width), or of another size than the first.
+        If a frame is not of uint8 numbers (height, width), or of another size than the first, or the mask is.
     ModuleNotFoundError
         If OpenCV is not installed.
     """
     tracker: _Tracker | None = None
     for number, image in enumerate(frames):
         _require_grey(number, image, tracker)
-        tracker = tracker or _Tracker(load_cv2(), settings or KltSettings(), image.shape)
+        if tracker is None:
+            tracker = _Tracker(load_cv2(), settings or KltSettings(), _usable(mask, image.shape))
         # A copy: cameras give the same array again, with the next image in it.
         yield tracker.look_at(image.copy())
 
@@ -142,7 +147,7 @@ class _Tracker:
 
     cv2: ModuleType
     settings: KltSettings
-    shape: tuple[int, int]
+    usable: GreyImage  # 0 where nothing is followed
     last: _Seen | None = None
     lost: _Seen | None = None
     spoilt: int = 0  # images since `lost`
@@ -210,14 +215,21 @@ class _Tracker:
         return moved, found[:, 0].astype(np.bool_), residual[:, 0]
 
     @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the images."""
+        return self.usable.shape
+
+    @property
     def _border_px(self) -> int:
         return self.settings.window_px // 2
 
     def _inside(self, corners: Corners) -> BoolArray:
-        """Those whose square lies in the image."""
+        """Those whose square lies in the image, and that are not masked."""
         height, width = self.shape
         last = np.array([width, height]) - 1 - self._border_px
-        return np.asarray(((corners >= self._border_px) & (corners <= last)).all(axis=1))
+        inside = np.asarray(((corners >= self._border_px) & (corners <= last)).all(axis=1))
+        inside[inside] = self.usable[_rows_and_columns(corners[inside])] > 0
+        return inside
 
     def _filled(self, seen: _Seen) -> _Seen:
         """With new corners, where cells lack some."""
@@ -254,7 +266,8 @@ class _Tracker:
         """Mask of pixels for new corners: away from the border and from existing corners."""
         free = np.zeros(self.shape, np.uint8)
         edge = self._border_px
-        free[edge : self.shape[0] - edge, edge : self.shape[1] - edge] = 255
+        inner = slice(edge, self.shape[0] - edge), slice(edge, self.shape[1] - edge)
+        free[inner] = self.usable[inner]
         taken = np.full(self.shape, 255, np.uint8)
         taken[_rows_and_columns(corners)] = 0
         size = 2 * self.settings.min_distance_px + 1
@@ -281,6 +294,16 @@ def _joined(some: _Seen, others: _Seen) -> _Seen:
     tracks = np.concatenate([some.tracks, others.tracks])
     order = np.argsort(tracks)
     return _Seen(some.image, np.concatenate([some.corners, others.corners])[order], tracks[order])
+
+
+def _usable(mask: ArrayLike | None, shape: tuple[int, int]) -> GreyImage:
+    """255 where corners are followed, 0 elsewhere."""
+    if mask is None:
+        return np.full(shape, 255, np.uint8)
+    given = number_array("mask", mask)
+    if given.shape != shape:
+        raise InvalidArgument(f"mask has shape {given.shape}: must be {shape} as frames[0]")
+    return np.where(given != 0, 255, 0).astype(np.uint8)
 
 
 def _require_grey(number: int, image: GreyImage, tracker: _Tracker | None) -> None:

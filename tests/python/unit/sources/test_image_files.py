@@ -256,6 +256,27 @@ def test_a_camera_for_images_of_another_size_is_refused(tmp_path: Path) -> None:
         open_images(images, tmp_path / "a.yaml")
 
 
+def test_a_mask_leaves_out_a_part_of_all_images(tmp_path: Path) -> None:
+    images, mask = write_images(tmp_path / "images"), tmp_path / "mask.png"
+    black_below = np.full((48, 64), 255, np.uint8)
+    black_below[20:] = 0
+    cv2.imwrite(str(mask), black_below)
+    frames = open_drive(images, camera=CAMERA, mask=mask).frames
+    seen = np.concatenate([frame.view.pixels for frame in frames])
+    assert len(seen) > 0
+    assert seen[:, 1].max() < 20
+    assert repr(frames.identity()) != repr(open_images(images, CAMERA)[0].identity())
+    cv2.imwrite(str(mask), black_below[:, 1:])
+    with pytest.raises(DatasetError, match=r"mask\.png: has 63×48 pixels: must be 64×48 as the frames"):
+        open_drive(images, camera=CAMERA, mask=mask)
+    mask.write_text("black")
+    with pytest.raises(DatasetError, match=r"mask\.png: is no image that can be decoded \(5 bytes\)"):
+        open_drive(images, camera=CAMERA, mask=mask)
+    (tmp_path / "drive.csv").write_text("")
+    with pytest.raises(DatasetError, match="mask: is for images, the input is tracks"):
+        open_drive(tmp_path / "drive.csv", mask=mask)
+
+
 @pytest.mark.parametrize(
     ("cx", "cy", "doubted"),
     [(60.0, 46.0, True), (16.0, 12.0, True), (36.0, 20.0, False), (60.0, 24.0, False)],

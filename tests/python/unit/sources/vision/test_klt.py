@@ -257,6 +257,21 @@ def test_frames_of_another_kind_or_size_are_refused() -> None:
         FeatureTracks([np.zeros((0, 30), np.uint8)])
 
 
+def test_nothing_is_followed_where_the_mask_is_black() -> None:
+    mask = np.ones((HEIGHT, WIDTH), bool)
+    mask[120:, 40:] = False
+    views = list(follow_features(moved((6.0, 5.0), 5), SETTINGS, mask))
+    for view in views:
+        columns, rows = np.rint(view.pixels).astype(int).T
+        assert mask[rows, columns].all()
+    # Corners that are not masked are followed as without a mask.
+    assert len(np.intersect1d(views[0].tracks, views[-1].tracks)) > 20
+    with pytest.raises(
+        InvalidArgument, match=r"mask has shape \(20, 30\): must be \(200, 320\) as frames\[0\]"
+    ):
+        list(follow_features(moved((0, 0), 1), SETTINGS, np.ones((20, 30))))
+
+
 def test_a_camera_may_give_each_image_in_the_same_array() -> None:
     images = moved((2.7, 1.15), 4)
     buffer = np.empty_like(images[0])
