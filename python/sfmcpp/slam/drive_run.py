@@ -24,6 +24,7 @@ from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.measurement import MotionSensor
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.result import SlamResult
+from sfmcpp.slam.scale_drift import stretches
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
@@ -200,6 +201,7 @@ def run(
     result.warnings.extend(_doubts_of_frames(drive.frames, used))
     result.warnings.extend(doubts_of_units(used))
     result.warnings.extend(_losses(drive.frames))
+    result.warnings.extend(_repeats(drive.frames))
     frames = len(result.path.times)
     ran = (drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
     return SlamRun(*ran, _origin_of(used) if result.metric else None)
@@ -234,6 +236,15 @@ def _losses(frames: FrameSource) -> Iterator[str]:
         more = ", …" if len(lost) > _NAMED else ""
         count = "1 image is" if len(lost) == 1 else f"{len(lost)} images are"
         yield f"{count} left out, as if lost by the camera: {', '.join(named)}{more}"
+
+
+def _repeats(frames: FrameSource) -> Iterator[str]:
+    """Name frames that show the image before once more: a recorder that hangs, or a doubled frame rate."""
+    if named := stretches(frames.repeated, near=1):
+        more = ", …" if len(named) > _NAMED else ""
+        where = f"at {', '.join(named[:_NAMED])}{more}"
+        count = "1 frame repeats" if len(frames.repeated) == 1 else f"{len(frames.repeated)} frames repeat"
+        yield f"{count} the image before to the last bit, {where}: poses are wrong if the camera moved"
 
 
 def _require_known(opening: Mapping[str, Any]) -> None:

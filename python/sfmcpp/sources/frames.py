@@ -29,7 +29,14 @@ from sfmcpp.model.arrays import (
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
-from sfmcpp.sources.cameras import doubt_of_size, file_beside, find_camera, intrinsics_of, read_camera
+from sfmcpp.sources.cameras import (
+    doubt_of_size,
+    file_beside,
+    find_camera,
+    intrinsics_of,
+    read_camera,
+    size_that_fits,
+)
 from sfmcpp.sources.frame_times import TimeOf, require_as_many, times_of_images
 from sfmcpp.sources.io.calibration import Calibration
 from sfmcpp.sources.io.trajectories import read_trajectory
@@ -66,6 +73,8 @@ class FrameSource(ABC):
         Width and height of the images [px], once one has been seen; None for tracks.
     image_names : sequence of str
         Names of the files, by the number of the frame; empty for tracks and videos.
+    repeated : sequence of int
+        Frames so far whose image is that of the frame before, to the last bit.
     first_pixel_px : float
         Where the centre of the top left pixel is, in u and v [px]: 0.5 where pixels count from the corner of
         the image. Tracks are taken for such, as they do not tell.
@@ -80,6 +89,7 @@ class FrameSource(ABC):
     camera_doubt: str | None = None
     image_size: tuple[int, int] | None = None
     image_names: Sequence[str] = ()
+    repeated: Sequence[int] = ()
     first_pixel_px: float = 0.5
 
     @property
@@ -243,6 +253,7 @@ class ImageStream(FrameSource):
         self.image_names = images.names
         self.first_pixel_px = 0.0  # as OpenCV and its calibrations have it
         self.seconds: float = 0.0
+        self.repeated: list[int] = []
 
     def identity(self) -> dict[str, Any]:
         """Camera, times, and how corners are followed; the same whether or not images have been read."""
@@ -269,10 +280,15 @@ class ImageStream(FrameSource):
     def __iter__(self) -> Iterator[Frame]:
         self.num_tracks, self.seconds = 0, 0.0
         numbers: list[int] = []
+        self.repeated = []
 
         def images() -> Iterator[GreyImage]:
+            before: GreyImage | None = None
             for number, image in self._images.numbered():
                 numbers.append(number)
+                if before is not None and np.array_equal(image, before):
+                    self.repeated.append(number)
+                before = image
                 self.image_size = image.shape[1], image.shape[0]
                 yield image
 
@@ -347,7 +363,7 @@ def open_images(
     intrinsics = pinhole_rows(calibration.intrinsics)
     time_of, assumed_fps, doubt = times_of_images(images, fps, stamps)
     truth, time_of = _truth(images, time_of)
-    size = _size_that_fits(images, intrinsics, calibration.size)
+    size = size_that_fits(images, intrinsics, calibration.size)
     usable = None if mask is None else read_frame_mask(Path(mask), *size)
     stream = ImageStream(images, intrinsics, time_of, settings, usable)
     stream.assumed_fps, stream.doubt = assumed_fps, doubt
@@ -377,20 +393,3 @@ def _truth(images: Frames, time_of: TimeOf) -> tuple[Trajectory | None, TimeOf]:
     require_as_many(path, len(truth), "poses", images)
     t_s = np.array([time_of(number) for number in range(len(truth))])
     return Trajectory(t_s, truth.poses), lambda k: float(t_s[k]) if k < len(t_s) else time_of(k)
-
-
-def _size_that_fits(
-    images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None
-) -> tuple[int, int]:
-    """Width and height of the images; a DatasetError if the camera is not for these."""
-    cx, cy = intrinsics[2:4]
-    height, width = next(image for _, image in images.numbered()).shape
-    size = f"{width}×{height}"
-    if not (0 < cx < width and 0 < cy < height):
-        reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"
-        raise DatasetError(images.path, reason)
-    if calibrated not in (None, (width, height)):
-        wanted = f"{calibrated[0]}×{calibrated[1]}"
-        reason = f"its images have {size} pixels, the camera is for {wanted}: scale one of them to the other"
-        raise DatasetError(images.path, reason)
-    return width, height

@@ -256,6 +256,15 @@ def test_a_camera_for_images_of_another_size_is_refused(tmp_path: Path) -> None:
         open_images(images, tmp_path / "a.yaml")
 
 
+def test_images_that_repeat_the_one_before_are_a_warning(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images", 12)
+    assert not any("repeat" in warning for warning in slam.run(images, camera=CAMERA).result.warnings)
+    for number in (4, 5, 6, 9):
+        (images / f"{number}.png").write_bytes((images / f"{8 if number == 9 else 3}.png").read_bytes())
+    (warning,) = (text for text in slam.run(images, camera=CAMERA).result.warnings if "repeat" in text)
+    assert warning.startswith("4 frames repeat the image before to the last bit, at 4 to 6, 9: ")
+
+
 def test_a_mask_leaves_out_a_part_of_all_images(tmp_path: Path) -> None:
     images, mask = write_images(tmp_path / "images"), tmp_path / "mask.png"
     black_below = np.full((48, 64), 255, np.uint8)
