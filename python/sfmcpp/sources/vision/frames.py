@@ -127,7 +127,19 @@ def open_frames(path: str | PathLike[str]) -> Frames:
 
 
 def read_frame_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
-    """Mask of the pixels of all frames that are followed: False where the image is black.
+    """Mask of the pixels that are followed in all frames.
+
+    Parameters
+    ----------
+    path : Path
+        An image.
+    width, height : int
+        Size of the frames [px].
+
+    Returns
+    -------
+    (height, width) bool
+        False where the image is black.
 
     Raises
     ------
