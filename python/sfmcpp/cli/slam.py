@@ -114,6 +114,13 @@ Fps = Annotated[
     ),
 ]
 Corners = Annotated[str, choice_option(CORNERS, "Corners to track in images")]
+Mask = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="An image of the size of the frames; nothing is followed where it is black, as on a bonnet.",
+    ),
+]
 Stereo = Annotated[
     bool,
     typer.Option("--stereo", help="Also use the right images of a KITTI drive; gives metric scale."),
@@ -207,6 +214,7 @@ def slam(
     camera: Camera = None,
     fps: Fps = None,
     corners: Corners = CORNERS[0],
+    mask: Mask = None,
     stereo: Stereo = False,
     window: Annotated[
         int, typer.Option(metavar="N", help="Keyframes moved by the local adjustment, at least 2.")
@@ -240,7 +248,7 @@ def slam(
         "final_adjustment": final_adjustment,
         "seed": seed,
     }
-    images = {"camera": _camera(camera), "fps": fps, "corners": corners, "stereo": stereo}
+    images = {"camera": _camera(camera), "fps": fps, "corners": corners, "mask": mask, "stereo": stereo}
     opening = {
         "sensor_file": sensor_file,
         "sensor_columns": _sensor_columns(sensor_column or []),

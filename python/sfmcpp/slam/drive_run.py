@@ -24,6 +24,7 @@ from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.measurement import MotionSensor
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.result import SlamResult
+from sfmcpp.slam.scale_drift import stretches
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
@@ -197,9 +198,10 @@ def run(
     used = motion_sensors(drive, sensors, sigmas)
     listener = _Listener(callback)
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
-    result.warnings.extend(_doubts_of_times(drive.frames, used))
+    result.warnings.extend(_doubts_of_frames(drive.frames, used))
     result.warnings.extend(doubts_of_units(used))
     result.warnings.extend(_losses(drive.frames))
+    result.warnings.extend(_repeats(drive.frames))
     frames = len(result.path.times)
     ran = (drive, settings, tuple(sensors), result, frames, result.seconds, listener.ended)
     return SlamRun(*ran, _origin_of(used) if result.metric else None)
@@ -212,13 +214,12 @@ def _origin_of(sensors: Sequence[MotionSensor]) -> WorldOrigin | None:
     return next((sensor.origin for sensor in sensors if isinstance(sensor, Gps)), None)
 
 
-def _doubts_of_times(frames: FrameSource, sensors: Sequence[MotionSensor]) -> Iterator[str]:
-    """Warn of an assumed rate beside sensors, whose seconds are true ones, and of missing images."""
+def _doubts_of_frames(frames: FrameSource, sensors: Sequence[MotionSensor]) -> Iterator[str]:
+    """Warn of an assumed rate beside sensors, whose seconds are true ones, and of what frames doubt."""
     if frames.assumption is not None and sensors:
         # Metres a second at the wrong seconds are as many wrong metres.
         yield f"{frames.assumption}; where that is wrong, so are the scale and the clocks of the sensors"
-    if frames.doubt is not None:
-        yield frames.doubt
+    yield from (doubt for doubt in (frames.doubt, frames.camera_doubt) if doubt is not None)
 
 
 def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:
@@ -235,6 +236,15 @@ def _losses(frames: FrameSource) -> Iterator[str]:
         more = ", …" if len(lost) > _NAMED else ""
         count = "1 image is" if len(lost) == 1 else f"{len(lost)} images are"
         yield f"{count} left out, as if lost by the camera: {', '.join(named)}{more}"
+
+
+def _repeats(frames: FrameSource) -> Iterator[str]:
+    """Name frames that show the image before once more: a recorder that hangs, or a doubled frame rate."""
+    if named := stretches(frames.repeated, near=1):
+        more = ", …" if len(named) > _NAMED else ""
+        where = f"at {', '.join(named[:_NAMED])}{more}"
+        count = "1 frame repeats" if len(frames.repeated) == 1 else f"{len(frames.repeated)} frames repeat"
+        yield f"{count} the image before to the last bit, {where}: poses are wrong if the camera moved"
 
 
 def _require_known(opening: Mapping[str, Any]) -> None:

@@ -22,6 +22,7 @@ from sfmcpp.slam.mapping import LOCAL_LOSS, drop_outliers, triangulate_new
 from sfmcpp.slam.measurement import Measurement
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.still_tracks import still_among_changing
 from sfmcpp.slam.world_map import Keyframe, WorldMap
 from sfmcpp.weighting import solve
 
@@ -104,6 +105,7 @@ class Initialiser:
         moved_px = np.median(np.linalg.norm(after - before, axis=1))
         if len(self.frames) < 3 or moved_px < self._parallax_px(len(in_first)):
             self.reason = f"the image moves {moved_px:.3g} px from frame {first.number} to {frame.number}"
+            self.reason += still_among_changing(first.view, frame.view, self._settings.keyframe_overlap)
             return None
         return self._map_of(before, after)
 

@@ -94,7 +94,7 @@ def warn_of_scale(result: SlamResult) -> list[str]:
     sigmas = scale_sigmas(result)
     if sigmas is None or not len(sigmas) or sigmas[-1] <= _LARGE:
         return []
-    where = ", ".join(_stretches(_weakest(_step_sigmas(result))))
+    where = ", ".join(stretches(_weakest(_step_sigmas(result))))
     return [
         f"the scale of the map may change from start to end, by {scale_text(float(sigmas[-1]))}: images hold "
         f"the lengths of steps poorly at frames {where}; an odometer, a GPS, an INS or right images hold it"
@@ -120,11 +120,11 @@ def _weakest(steps: dict[int, float]) -> list[int]:
     return sorted(frames[: 1 + int(np.searchsorted(sums, _NAMED_SHARE * sums[-1]))])
 
 
-def _stretches(frames: Sequence[int]) -> list[str]:
-    """Frames in words, those close to each other as one stretch: "144 to 147", "175"."""
+def stretches(frames: Sequence[int], near: int = _NEAR_FRAMES) -> list[str]:
+    """Frames in words, those that are `near` each other as one stretch: "144 to 147", "175"."""
     ends: list[list[int]] = []
     for frame in frames:
-        if ends and frame - ends[-1][1] <= _NEAR_FRAMES:
+        if ends and frame - ends[-1][1] <= near:
             ends[-1][1] = frame
         else:
             ends.append([frame, frame])

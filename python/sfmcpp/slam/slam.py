@@ -42,6 +42,7 @@ from sfmcpp.slam.sensor_faults import (
 )
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
+from sfmcpp.slam.still_tracks import warn_of_still_tracks
 from sfmcpp.slam.track_numbers import TrackNumbers
 from sfmcpp.slam.world_map import WorldMap
 
@@ -209,6 +210,7 @@ class Slam:
         self.result.warnings += check_positions(self.result, self._sensors)
         self.result.warnings += check_odometers(self.result, self._sensors, self.settings)
         self.result.warnings += warn_of_scale(self.result)
+        self.result.warnings += warn_of_still_tracks(self.result.world)
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""

@@ -24,9 +24,14 @@ from sfmcpp.sources.io.documents import DOCUMENTS
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.vision import Frames
 
 CALIBRATION_FILES = ("calib.txt", "K.txt", "sensor.yaml")
 _PROJECTION = re.compile(r"(?:P\w*:)?((?:\s*[-+.\deE]+(?=\s|$)){12})\s*")
+
+# A principal point that is off the middle by such a factor, the same along both axes but for another, is that
+# of images of another size; cropping or a lens shifts it by pixels, and seldom along the diagonal.
+_OTHER_SIZE, _SAME_FACTOR = 1.3, 1.1
 
 
 def places_beside(source: Path) -> tuple[Path, ...]:
@@ -140,3 +145,32 @@ def _projection_rows(data: bytes) -> list[bytes]:
 
 def _projections(path: Path, rows: list[bytes]) -> FloatArray:
     return NumberText(path, b"\n".join(rows)).values.reshape(-1, 3, 4)[:, :, :3]
+
+
+def size_that_fits(
+    images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None
+) -> tuple[int, int]:
+    """Width and height of the images; a DatasetError if the camera is not for these."""
+    cx, cy = intrinsics[2:4]
+    height, width = next(image for _, image in images.numbered()).shape
+    size = f"{width}×{height}"
+    if not (0 < cx < width and 0 < cy < height):
+        reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"
+        raise DatasetError(images.path, reason)
+    if calibrated not in (None, (width, height)):
+        wanted = f"{calibrated[0]}×{calibrated[1]}"
+        reason = f"its images have {size} pixels, the camera is for {wanted}: scale one of them to the other"
+        raise DatasetError(images.path, reason)
+    return width, height
+
+
+def doubt_of_size(intrinsics: FloatArray, width: int, height: int) -> str | None:
+    """Tell if the principal point is off the middle by the same factor along both axes."""
+    factors = 2 * intrinsics[2:4] / (width, height)
+    if factors.max() > _SAME_FACTOR * factors.min() or max(*factors, *(1 / factors)) < _OTHER_SIZE:
+        return None
+    cx, cy = intrinsics[2:4]
+    whole = (
+        f"the camera's principal point ({cx:g}, {cy:g}) is the middle of images of {2 * cx:.0f}×{2 * cy:.0f}"
+    )
+    return f"{whole} pixels, these have {width}×{height}: if they were scaled, scale f, cx and cy, too"

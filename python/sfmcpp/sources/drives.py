@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
+from typing import NamedTuple
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import SensorStream, Trajectory
@@ -144,6 +145,7 @@ def open_drive(
     corners: str = CORNERS[0],
     stereo: bool = False,
     clock_offset_s: float | None = None,
+    mask: str | PathLike[str] | None = None,
 ) -> Drive:
     """Open images or read tracks, with the sensors and the truth that come with them.
 
@@ -173,6 +175,8 @@ def open_drive(
     clock_offset_s : float, optional
         Camera time − sensor time, added to every stamp of the sensors [s]. Default: −``timeshift_cam_imu`` if
         `mounting`, or else `camera`, is a file of Kalibr with one, else 0.
+    mask : path-like, optional
+        Of images; see :func:`sfmcpp.sources.frames.open_images`.
 
     Returns
     -------
@@ -192,7 +196,7 @@ def open_drive(
     apart = _read_all_sensors(files, sensor_columns)
     try:
         with failures_named(source):
-            frames, truth, own = _read_input(source, camera, fps, corners, stereo, apart)
+            frames, truth, own = _read_input(source, _OfImages(camera, fps, corners, mask), stereo, apart)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
     how = mounting_of(mounting) or apart.mounting or own.mounting
@@ -263,13 +267,17 @@ def tracks_of_kitti(drive: KittiDrive, *, stereo: bool = False) -> TrackSequence
     return TrackSequence(drive.t_s, *seen, drive.intrinsics, *right)
 
 
+class _OfImages(NamedTuple):
+    """What is told of images; tracks hold their own."""
+
+    camera: CameraArgument = None
+    fps: float | None = None
+    corners: str = CORNERS[0]
+    mask: str | PathLike[str] | None = None
+
+
 def _read_input(
-    source: Path,
-    camera: CameraArgument,
-    fps: float | None,
-    corners: str,
-    stereo: bool,
-    apart: _Sensors,
+    source: Path, of_images: _OfImages, stereo: bool, apart: _Sensors
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     suffix = source.suffix.lower()
     if suffix in PICTURES and not source.is_dir():
@@ -277,9 +285,10 @@ def _read_input(
     if stereo and suffix != ".mat":
         raise InvalidArgument("stereo: only KITTI drives (.mat) hold what a right camera sees")
     if source.is_dir() or suffix in VIDEOS:
-        return _read_images(source, camera, fps, corners, apart.image_t_s)
-    if (camera, fps, corners) != (None, None, CORNERS[0]):
-        raise InvalidArgument("camera, fps, corners: are for images, the input is tracks and holds its own")
+        return _read_images(source, of_images, apart.image_t_s)
+    if of_images != _OfImages():
+        told = "camera, fps, corners: are" if of_images.mask is None else "mask: is"
+        raise InvalidArgument(f"{told} for images, the input is tracks and holds its own")
     if suffix == ".mat":
         drive = read_kitti_mat(source)
         return tracks_of_kitti(drive, stereo=stereo), drive.truth, _sensors_of(drive)
@@ -287,12 +296,12 @@ def _read_input(
 
 
 def _read_images(
-    source: Path, camera: CameraArgument, fps: float | None, corners: str, stamps: FloatArray | None
+    source: Path, told: _OfImages, stamps: FloatArray | None
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     euroc = euroc_folder(source)
     images = source if euroc is None else euroc.images
-    frames, truth = open_images(images, camera, fps, corners, stamps)
-    mounting = _mounting_beside(images, camera)
+    frames, truth = open_images(images, told.camera, told.fps, told.corners, stamps, told.mask)
+    mounting = _mounting_beside(images, told.camera)
     return (
         (frames, truth, _Sensors({}, mounting)) if euroc is None else (frames, *_euroc_drive(euroc, mounting))
     )

@@ -3,7 +3,8 @@
 The first that there is counts: a frame rate of the user; stamps of the sensors' drive; ``times.txt``, a line
 for each image, in seconds or, of some clock since 1970, in nanoseconds; EuRoC's ``data.csv``, which tells the
 time of each image by its name; names of images that are nanoseconds or, with decimals, seconds since 1970;
-the frame rate of the video; ten a second. Files lie with the images or one folder above.
+the times of the frames of a video, or its frame rate; ten a second. Files lie with the images or one folder
+above.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def times_of_images(
     if found is not None:
         return _times_of_argument(images.path, found), None, None
     own_fps = _frame_rate_of_video(images)
-    return _even_times(own_fps), own_fps if images.fps is None else None, doubt
+    return _times_of_frames(images, own_fps), own_fps if images.fps is None else None, doubt
 
 
 def doubt_of_numbers(names: Sequence[str]) -> str | None:
@@ -127,6 +128,12 @@ def require_as_many(path: Path, count: int, what: str, images: Frames) -> None:
 
 def _even_times(fps: float, start_s: float = 0.0) -> TimeOf:
     return lambda number: start_s + number / fps
+
+
+def _times_of_frames(images: Frames, fps: float) -> TimeOf:
+    """As a video tells them, of those decoded; counted otherwise."""
+    counted = _even_times(fps)
+    return lambda number: images.stamps[number] if number < len(images.stamps) else counted(number)
 
 
 def _times_of_argument(source: Path, t_s: FloatArray) -> TimeOf:

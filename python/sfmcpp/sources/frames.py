@@ -18,6 +18,7 @@ from sfmcpp.geometry.pinhole import PINHOLE, pinhole_rows
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import (
     ANY,
+    BoolArray,
     FloatArray,
     IndexArray,
     finite_array,
@@ -28,11 +29,18 @@ from sfmcpp.model.arrays import (
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.checks import require_positive
 from sfmcpp.model.frames import Frame, RightView, View
-from sfmcpp.sources.cameras import file_beside, find_camera, intrinsics_of, read_camera
+from sfmcpp.sources.cameras import (
+    doubt_of_size,
+    file_beside,
+    find_camera,
+    intrinsics_of,
+    read_camera,
+    size_that_fits,
+)
 from sfmcpp.sources.frame_times import TimeOf, require_as_many, times_of_images
 from sfmcpp.sources.io.calibration import Calibration
 from sfmcpp.sources.io.trajectories import read_trajectory
-from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames
+from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames, read_frame_mask
 from sfmcpp.sources.vision.images import GreyImage
 
 _TRUTH = "poses.txt"
@@ -59,10 +67,14 @@ class FrameSource(ABC):
         Frames per second where nothing tells their times; None where something does.
     doubt : str or None
         What makes their times doubtful, a sentence.
+    camera_doubt : str or None
+        What makes the intrinsics doubtful, a sentence.
     image_size : tuple of int or None
         Width and height of the images [px], once one has been seen; None for tracks.
     image_names : sequence of str
         Names of the files, by the number of the frame; empty for tracks and videos.
+    repeated : sequence of int
+        Frames so far whose image is that of the frame before, to the last bit.
     first_pixel_px : float
         Where the centre of the top left pixel is, in u and v [px]: 0.5 where pixels count from the corner of
         the image. Tracks are taken for such, as they do not tell.
@@ -74,8 +86,10 @@ class FrameSource(ABC):
     seconds: float | None = None
     assumed_fps: float | None = None
     doubt: str | None = None
+    camera_doubt: str | None = None
     image_size: tuple[int, int] | None = None
     image_names: Sequence[str] = ()
+    repeated: Sequence[int] = ()
     first_pixel_px: float = 0.5
 
     @property
@@ -218,24 +232,34 @@ class ImageStream(FrameSource):
         Time of the image of that number [s].
     settings : KltSettings
         How corners are found and followed.
+    mask : (height, width) bool, optional
+        False where nothing is followed.
     """
 
     def __init__(
-        self, images: Frames, intrinsics: FloatArray, time_of: TimeOf, settings: KltSettings
+        self,
+        images: Frames,
+        intrinsics: FloatArray,
+        time_of: TimeOf,
+        settings: KltSettings,
+        mask: BoolArray | None = None,
     ) -> None:
+        self._mask = mask
         self._images, self._time_of, self._settings = images, time_of, settings
         self._count, self._last = len(images), len(images) - 1
+        self._expected_s = self._span_to(self._last)
         self.intrinsics = intrinsics
         self.corners = settings.corners
         self.image_names = images.names
         self.first_pixel_px = 0.0  # as OpenCV and its calibrations have it
         self.seconds: float = 0.0
+        self.repeated: list[int] = []
 
     def identity(self) -> dict[str, Any]:
         """Camera, times, and how corners are followed; the same whether or not images have been read."""
-        count = len(self._images)
-        times = self._span_to(count - 1)
-        return {"camera": self.intrinsics, "count": count, "times": times, "settings": self._settings}
+        known = {"camera": self.intrinsics, "count": len(self._images), "times": self._expected_s}
+        masked = {} if self._mask is None else {"mask": self._mask}
+        return {**known, "settings": self._settings, **masked}
 
     def __len__(self) -> int:
         """Frames expected; those that there were, once all have been seen."""
@@ -256,14 +280,19 @@ class ImageStream(FrameSource):
     def __iter__(self) -> Iterator[Frame]:
         self.num_tracks, self.seconds = 0, 0.0
         numbers: list[int] = []
+        self.repeated = []
 
         def images() -> Iterator[GreyImage]:
+            before: GreyImage | None = None
             for number, image in self._images.numbered():
                 numbers.append(number)
+                if before is not None and np.array_equal(image, before):
+                    self.repeated.append(number)
+                before = image
                 self.image_size = image.shape[1], image.shape[0]
                 yield image
 
-        stream = follow_features(images(), self._settings)
+        stream = follow_features(images(), self._settings, self._mask)
         while (seen := self._timed_next(stream)) is not None:
             self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
             yield Frame(numbers[-1], self._time_of(numbers[-1]), seen)
@@ -287,6 +316,7 @@ def open_images(
     fps: float | None = None,
     corners: str = CORNERS[0],
     stamps: FloatArray | None = None,
+    mask: str | PathLike[str] | None = None,
 ) -> tuple[ImageStream, Trajectory | None]:
     """Open a folder of images or a video; the first image that can be read is looked at.
 
@@ -306,12 +336,14 @@ def open_images(
         What is followed, one of :data:`sfmcpp.sources.vision.CORNERS`.
     stamps : (n,) float64, optional
         Times of the first n images or more as the sensors know them [s]. With `fps` only the first counts.
+    mask : path-like, optional
+        An image of the size of the frames: nothing is followed where it is black, as on a car's own bonnet.
 
     Returns
     -------
     stream : ImageStream
         Its times are, the first that there is: `fps`, the stamps, ``times.txt``, EuRoC's ``data.csv``, names
-        of images that are nanoseconds, the frame rate of the video, ten a second; see
+        of images that are nanoseconds, the times or the rate of the video, ten a second; see
         :mod:`sfmcpp.sources.frame_times`. While it runs, it leaves out images of a folder that cannot be
         read, up to a tenth, and raises a DatasetError if they are more, or an image has no time.
     truth : Trajectory or None
@@ -330,10 +362,13 @@ def open_images(
     calibration = _calibration(source, camera)
     intrinsics = pinhole_rows(calibration.intrinsics)
     time_of, assumed_fps, doubt = times_of_images(images, fps, stamps)
-    truth = _truth(images, time_of)
-    _require_fitting(images, intrinsics, calibration.size)
-    stream = ImageStream(images, intrinsics, time_of, settings)
+    truth, time_of = _truth(images, time_of)
+    size = size_that_fits(images, intrinsics, calibration.size)
+    usable = None if mask is None else read_frame_mask(Path(mask), *size)
+    stream = ImageStream(images, intrinsics, time_of, settings, usable)
     stream.assumed_fps, stream.doubt = assumed_fps, doubt
+    if calibration.size is None:
+        stream.camera_doubt = doubt_of_size(intrinsics, *size)
     return stream, truth
 
 
@@ -349,25 +384,12 @@ def _numbered_densely(tracks: IndexArray) -> IndexArray:
     return np.unique(tracks, return_inverse=True)[1].astype(np.int32)
 
 
-def _truth(images: Frames, time_of: TimeOf) -> Trajectory | None:
+def _truth(images: Frames, time_of: TimeOf) -> tuple[Trajectory | None, TimeOf]:
+    """True poses beside the images, and the times of these; those of poses without stamps are the same."""
     path = file_beside(images.path, _TRUTH)
-    if path is None:
-        return None
-    truth = read_trajectory(path)
-    if truth.stamped:
-        return truth
+    truth = None if path is None else read_trajectory(path)
+    if path is None or truth is None or truth.stamped:
+        return truth, time_of
     require_as_many(path, len(truth), "poses", images)
-    return Trajectory(np.array([time_of(number) for number in range(len(truth))]), truth.poses)
-
-
-def _require_fitting(images: Frames, intrinsics: FloatArray, calibrated: tuple[int, int] | None) -> None:
-    cx, cy = intrinsics[2:4]
-    height, width = next(image for _, image in images.numbered()).shape
-    size = f"{width}×{height}"
-    if not (0 < cx < width and 0 < cy < height):
-        reason = f"the camera's principal point ({cx:g}, {cy:g}) lies outside of the images of {size} pixels"
-        raise DatasetError(images.path, reason)
-    if calibrated not in (None, (width, height)):
-        wanted = f"{calibrated[0]}×{calibrated[1]}"
-        reason = f"its images have {size} pixels, the camera is for {wanted}: scale one of them to the other"
-        raise DatasetError(images.path, reason)
+    t_s = np.array([time_of(number) for number in range(len(truth))])
+    return Trajectory(t_s, truth.poses), lambda k: float(t_s[k]) if k < len(t_s) else time_of(k)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -18,6 +19,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.files import failures_named, require_regular_file
 from sfmcpp.sources.vision.images import (
+    RAW_VIDEOS,
     GreyImage,
     eight_bits,
     is_picture,
@@ -31,8 +33,12 @@ from sfmcpp.sources.vision.images import (
 
 # More of the images of a folder are no accident of one of them; one always is.
 _MOST_UNREADABLE_PART = 0.1
+# Images of a folder of deep ones that tell how bright they get.
+_LOOKED_AT = 8
 # Containers only estimate how many frames they hold; a file that was cut short misses more.
 _LEAST_DECODED_PART = 0.9
+# Stamps that differ by less are the same but for rounding.
+_SAME_TIME_S = 1e-6
 # Playlists, which FFmpeg knows by how they begin.
 _LISTS = (b"ffconcat version", b"#EXTM3U")
 
@@ -50,12 +56,15 @@ class Frames(ABC):
         Names of the files, of a folder; a video has none.
     unreadable : mapping of str to str
         Reason for each file that :meth:`numbered` has left out, by its name.
+    stamps : sequence of float
+        Times of the frames of a video decoded so far, since the first one, increasing [s].
     """
 
     path: Path
     fps: float | None = None
     names: Sequence[str] = ()
     unreadable: Mapping[str, str] = MappingProxyType({})
+    stamps: Sequence[float] = ()
 
     @abstractmethod
     def __len__(self) -> int:
@@ -71,12 +80,14 @@ class Frames(ABC):
         """Each frame (height, width) uint8, decoded when it is asked for."""
 
     def numbered(self) -> Iterator[tuple[int, GreyImage]]:
-        """Each frame that can be decoded, with its number from 0; of a folder, up to a tenth may be left out.
+        """Each frame that can be decoded, with its number from 0.
+
+        Of a folder, up to a tenth may be left out: what cannot be decoded, or differs in size from the first.
 
         Raises
         ------
         DatasetError
-            While iterating, if more cannot be decoded, or the size of one differs from that of the first.
+            While iterating, if these are more, or the size of a video changes.
         """
         return enumerate(self)
 
@@ -101,7 +112,8 @@ def open_frames(path: str | PathLike[str]) -> Frames:
     ------
     DatasetError
         If there is no such file, no image in the folder, no frame in the video, or OpenCV is not installed;
-        and while iterating, if an image cannot be decoded, or its size differs from that of the first.
+        and while iterating, if an image cannot be decoded, or its size differs from that of the first, except
+        in :meth:`Frames.numbered`.
     """
     source = Path(path)
     try:
@@ -112,6 +124,38 @@ def open_frames(path: str | PathLike[str]) -> Frames:
         if not source.exists():
             raise DatasetError(source, "no such file or directory")
         return _Folder(source, cv2) if source.is_dir() else _Video(source, cv2)
+
+
+def read_frame_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
+    """Mask of the pixels that are followed in all frames.
+
+    Parameters
+    ----------
+    path : Path
+        An image.
+    width, height : int
+        Size of the frames [px].
+
+    Returns
+    -------
+    (height, width) bool
+        False where the image is black.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be read or decoded, or has not the size of the frames.
+    """
+    with failures_named(path):
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    cv2 = load_cv2()
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
+    if image is None:
+        raise DatasetError(path, f"is no image that can be decoded ({len(data)} bytes): must be a mask")
+    if image.shape != (height, width):
+        sizes = f"{image.shape[1]}×{image.shape[0]} pixels: must be {width}×{height}"
+        raise DatasetError(path, f"has {sizes} as the frames that it masks")
+    return np.asarray(image > 0)
 
 
 class _Folder(Frames):
@@ -140,12 +184,12 @@ class _Folder(Frames):
         for number, file in enumerate(self._files):
             try:
                 image = self._read(file)
+                first = first or (image.shape, file.name)
+                _require_size(file, image.shape, *first)
             except DatasetError as error:
                 reasons[file.name] = error.reason
                 self._require_few_unreadable()
                 continue
-            first = first or (image.shape, file.name)
-            _require_size(file, image.shape, *first)
             yield number, image
         if first is None:
             name, reason = next(iter(reasons.items()))
@@ -159,6 +203,10 @@ class _Folder(Frames):
             raise DatasetError(self.path, f"{counts}: {rule}; the first, {name}: {reason}")
 
     def _read(self, file: Path) -> GreyImage:
+        image = self._decoded(file)
+        return image if image.dtype == np.uint8 else self._eight_bits(image)
+
+    def _decoded(self, file: Path) -> NDArray[Any]:
         try:
             content = file.read_bytes()
         except OSError as error:
@@ -173,13 +221,22 @@ class _Folder(Frames):
             image = None
         if image is None:
             raise DatasetError(file, f"is no image that can be decoded ({len(data)} bytes)")
-        return image if image.dtype == np.uint8 else self._eight_bits(image)
+        return np.asarray(image)
 
     def _eight_bits(self, deep: NDArray[Any]) -> GreyImage:
-        """With the white of the first frame: points are followed by their brightness."""
+        """With one white for all: points are followed by their brightness."""
         if self._white is None:
-            self._white = white_level(deep)
+            self._white = max(white_level(deep), self._white_of_others(deep.dtype))
         return eight_bits(deep, self._white)
+
+    def _white_of_others(self, kind: np.dtype[Any]) -> float:
+        """White of some images that are spread over the folder, as the first one may be dark."""
+        white = 0.0
+        for file in self._files[:: max(1, len(self._files) // _LOOKED_AT)]:
+            with suppress(DatasetError):
+                image = self._decoded(file)
+                white = max(white, white_level(image) if image.dtype == kind else 0.0)
+        return white
 
 
 class _Video(Frames):
@@ -189,7 +246,8 @@ class _Video(Frames):
         video = self._open()
         self._count = max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT)))
         fps = float(video.get(cv2.CAP_PROP_FPS))
-        self.fps = fps if math.isfinite(fps) and fps > 0 else None
+        told = path.suffix.lower() not in RAW_VIDEOS and math.isfinite(fps) and fps > 0
+        self.fps = fps if told else None
         sides = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT
         require_few_pixels(path, *(int(video.get(side)) for side in sides))
         readable, _ = video.read()
@@ -207,11 +265,14 @@ class _Video(Frames):
     def __iter__(self) -> Iterator[GreyImage]:
         video = self._open()
         decoded, first = 0, None
+        clock = _VideoClock(self.fps)
+        self.stamps = clock.stamps
         try:
             while (image := self._next(video)) is not None:
                 first = first or image.shape
                 _require_size(self.path, image.shape, first, f"frame 0, in frame {decoded}")
                 decoded += 1
+                clock.note(1e-3 * float(video.get(self._cv2.CAP_PROP_POS_MSEC)))
                 yield image
         finally:
             video.release()
@@ -233,6 +294,26 @@ class _Video(Frames):
             return None
         grey = image if image.ndim == 2 else self._cv2.cvtColor(image, self._cv2.COLOR_BGR2GRAY)
         return np.asarray(grey, dtype=np.uint8)
+
+
+class _VideoClock:
+    """Times of the frames of a video: cameras of telephones take fewer in the dark."""
+
+    def __init__(self, fps: float | None) -> None:
+        self._usual_s = 1 / (fps or 1.0)
+        self._first_s = 0.0
+        self.stamps: list[float] = []
+
+    def note(self, time_s: float) -> None:
+        """Take the time of the next frame, as the file tells it; one that is not later tells nothing."""
+        if not self.stamps:
+            self._first_s = time_s
+        since_s = time_s - self._first_s
+        counted_s = len(self.stamps) * self._usual_s
+        if abs(since_s - counted_s) < _SAME_TIME_S:
+            since_s = counted_s
+        before_s = self.stamps[-1] if self.stamps else -math.inf
+        self.stamps.append(since_s if since_s > before_s else before_s + self._usual_s)
 
 
 def _require_one_video(path: Path) -> None:

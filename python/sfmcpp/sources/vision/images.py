@@ -25,7 +25,22 @@ PICTURES = (".png", ".jpg", ".jpeg", ".jfif", ".ppm", ".pgm", ".tif", ".tiff", "
 # Photos, too, but of kinds that are not read.
 RAW_PICTURES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".orf", ".raf", ".rw2")
 FOREIGN_PICTURES = (*RAW_PICTURES, ".heic", ".heif", ".avif", ".jxl", ".jp2", ".gif")
-VIDEOS = (".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v")
+# Images alone, one after the other, without a rate.
+RAW_VIDEOS = (".mjpeg", ".mjpg")
+VIDEOS = (
+    ".mp4",
+    ".avi",
+    ".mkv",
+    ".mov",
+    ".webm",
+    ".m4v",
+    ".mpg",
+    ".mpeg",
+    ".mts",
+    ".3gp",
+    ".wmv",
+    *RAW_VIDEOS,
+)
 _MOST_HINTS = 3
 # Bits that cameras measure, and files of 16 bits hold as they are.
 _SENSOR_BITS = (8, 10, 12, 14)

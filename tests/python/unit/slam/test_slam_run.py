@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.model import Problem
 from sfmcpp.slam import Path, SlamResult, SlamSettings, TrackSequence, run_slam
 from sfmcpp.sources.synthetic import add_outliers, corridor_scene, street_loop_scene
-from slam_helpers import drive, path, sequence_of
+from slam_helpers import STEP_S, drive, path, sequence_of
 
 
 def corridor(sigma_px: float = 0.0) -> Problem:
@@ -90,6 +92,39 @@ def test_a_standing_camera_gives_a_message_and_no_map() -> None:
     assert "the image moves" in result.message
     with pytest.raises(InvalidArgument, match="no frame has a pose: the image moves"):
         result.trajectory()
+
+
+def with_still_tracks(scene: Problem, count: int) -> TrackSequence:
+    """A drive with tracks that stand still near the lower border of all images, as those of a bonnet."""
+    rng = np.random.default_rng(0)
+    still = rng.uniform([100, 440], [500, 470], (count, 2))
+    frames, tracks = np.divmod(np.arange(scene.num_cameras * count), count)
+    return TrackSequence(
+        STEP_S * np.arange(scene.num_cameras),
+        np.concatenate([scene.camera_index, frames]),
+        np.concatenate([scene.point_index, scene.num_points + tracks]),
+        np.concatenate([scene.pixels, still[tracks] + rng.normal(0, 0.05, (len(tracks), 2))]),
+        scene.intrinsics[0],
+    )
+
+
+def test_tracks_that_stand_still_while_the_camera_moves_are_a_warning() -> None:
+    told = "tracks stand still in the image while the camera moves"
+    assert not any(told in warning for warning in run_slam(sequence_of(corridor(0.5))).warnings)
+    result = run_slam(with_still_tracks(corridor(0.5), 12))
+    (warning,) = (text for text in result.warnings if told in text)
+    u, v = (tuple(map(int, re.findall(rf"{axis} = (\d+) to (\d+)", warning)[0])) for axis in "uv")
+    assert 100 <= u[0] < u[1] <= 500
+    assert 440 <= v[0] < v[1] <= 470
+
+
+def test_a_start_that_waits_for_tracks_that_stand_still_tells_of_them() -> None:
+    scene = corridor(0.5)
+    seen = np.count_nonzero(scene.camera_index == scene.num_cameras - 1)
+    message = run_slam(with_still_tracks(scene, seen)).message
+    assert f"{seen} of its {2 * seen} tracks stand still while the others change" in message
+    standing = run_slam(drive(path(np.zeros((30, 3)), np.zeros((30, 3))), sigma_px=0.1))
+    assert "stand still" not in standing.message
 
 
 @pytest.mark.parametrize("sigma_px", [0.0, 0.5])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from sfmcpp import slam
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.cameras import find_camera, read_intrinsics
+from sfmcpp.sources.drives import open_drive
 from sfmcpp.sources.frames import ImageStream, open_images
 from sfmcpp.sources.vision import Frames, KltSettings, follow_features, open_frames
 
@@ -113,8 +116,8 @@ def test_a_stream_knows_its_images(tmp_path: Path) -> None:
     assert stream.image_names == sorted(file.name for file in (tmp_path / "images").iterdir())
 
 
-def write_video(path: Path, count: int) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10.0, (64, 48))
+def write_video(path: Path, count: int, codec: str = "MJPG") -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), 10.0, (64, 48))
     for number in range(count):
         writer.write(np.full((48, 64, 3), 20 * number, np.uint8))
     writer.release()
@@ -144,6 +147,52 @@ def test_a_video_with_fewer_frames_than_declared_is_counted_as_it_is(tmp_path: P
     assert len(stream) == 6
     assert [frame.number for frame in stream] == list(range(5))
     assert len(stream) == 5
+
+
+def with_uneven_times(path: Path, steps: list[tuple[int, int]]) -> Path:
+    """A video (.mp4) with other times between its frames: how many, and halves of the usual."""
+    content = path.read_bytes()
+    table = content.index(b"stts")
+    length, _, count, _, usual = struct.unpack(">I4xIIII", content[table - 4 : table + 20])
+    assert (length, count) == (24, 1)
+    entries = b"".join(struct.pack(">II", number, halves * usual // 2) for number, halves in steps)
+    patched = content[: table + 8] + struct.pack(">I", len(steps)) + entries + content[table + 20 :]
+    for box in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):
+        at = content.index(box) - 4
+        size = struct.unpack(">I", patched[at : at + 4])[0] + 8 * (len(steps) - 1)
+        patched = patched[:at] + struct.pack(">I", size) + patched[at + 4 :]
+    path.write_bytes(patched)
+    return path
+
+
+def test_frames_of_a_video_have_the_times_that_it_tells(tmp_path: Path) -> None:
+    video = with_uneven_times(write_video(tmp_path / "clip.mp4", 6, "mp4v"), [(2, 2), (2, 1), (2, 3)])
+    stream, _ = open_images(video, CAMERA)
+    before = repr(stream.identity())
+    times = [frame.t_s for frame in stream]
+    np.testing.assert_allclose(np.diff(times) / 0.1, [1, 1, 0.5, 0.5, 1.5], rtol=1e-3)
+    assert times[0] == 0
+    assert repr(stream.identity()) == before
+    given, _ = open_images(video, CAMERA, fps=10.0)
+    assert [frame.t_s for frame in given] == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+def test_poses_of_a_video_are_those_of_its_frames_whatever_their_times(tmp_path: Path) -> None:
+    video = with_uneven_times(write_video(tmp_path / "clip.mp4", 6, "mp4v"), [(2, 2), (2, 1), (2, 3)])
+    (tmp_path / "poses.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n" * 6)
+    stream, truth = open_images(video, CAMERA)
+    assert truth is not None
+    assert [frame.t_s for frame in stream] == truth.t_s.tolist()
+
+
+def test_images_alone_in_a_video_need_a_rate(tmp_path: Path) -> None:
+    images = [cv2.imread(str(f), 0) for f in sorted(write_images(tmp_path / "images", 4).iterdir())]
+    video = tmp_path / "clip.mjpeg"
+    video.write_bytes(b"".join(bytes(cv2.imencode(".jpg", image)[1]) for image in images))
+    with pytest.raises(DatasetError, match=r"the video tells no frame rate: give --fps"):
+        open_drive(video, camera=CAMERA)
+    frames = open_drive(video, camera=CAMERA, fps=5.0).frames
+    assert [frame.t_s for frame in frames] == pytest.approx([0.0, 0.2, 0.4, 0.6])
 
 
 @pytest.mark.parametrize(
@@ -205,6 +254,49 @@ def test_a_camera_for_images_of_another_size_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(DatasetError, match="the camera is for 640×480"):
         open_images(images, tmp_path / "a.yaml")
+
+
+def test_images_that_repeat_the_one_before_are_a_warning(tmp_path: Path) -> None:
+    images = write_images(tmp_path / "images", 12)
+    assert not any("repeat" in warning for warning in slam.run(images, camera=CAMERA).result.warnings)
+    for number in (4, 5, 6, 9):
+        (images / f"{number}.png").write_bytes((images / f"{8 if number == 9 else 3}.png").read_bytes())
+    (warning,) = (text for text in slam.run(images, camera=CAMERA).result.warnings if "repeat" in text)
+    assert warning.startswith("4 frames repeat the image before to the last bit, at 4 to 6, 9: ")
+
+
+def test_a_mask_leaves_out_a_part_of_all_images(tmp_path: Path) -> None:
+    images, mask = write_images(tmp_path / "images"), tmp_path / "mask.png"
+    black_below = np.full((48, 64), 255, np.uint8)
+    black_below[20:] = 0
+    cv2.imwrite(str(mask), black_below)
+    frames = open_drive(images, camera=CAMERA, mask=mask).frames
+    seen = np.concatenate([frame.view.pixels for frame in frames])
+    assert len(seen) > 0
+    assert seen[:, 1].max() < 20
+    assert repr(frames.identity()) != repr(open_images(images, CAMERA)[0].identity())
+    cv2.imwrite(str(mask), black_below[:, 1:])
+    with pytest.raises(DatasetError, match=r"mask\.png: has 63×48 pixels: must be 64×48 as the frames"):
+        open_drive(images, camera=CAMERA, mask=mask)
+    mask.write_text("black")
+    with pytest.raises(DatasetError, match=r"mask\.png: is no image that can be decoded \(5 bytes\)"):
+        open_drive(images, camera=CAMERA, mask=mask)
+    (tmp_path / "drive.csv").write_text("")
+    with pytest.raises(DatasetError, match="mask: is for images, the input is tracks"):
+        open_drive(tmp_path / "drive.csv", mask=mask)
+
+
+@pytest.mark.parametrize(
+    ("cx", "cy", "doubted"),
+    [(60.0, 46.0, True), (16.0, 12.0, True), (36.0, 20.0, False), (60.0, 24.0, False)],
+)
+def test_a_camera_whose_middle_is_that_of_images_of_another_size_is_doubted(
+    tmp_path: Path, cx: float, cy: float, doubted: bool
+) -> None:
+    images = write_images(tmp_path / "images")
+    warnings = slam.run(images, camera=(90.0, 1.0, cx, cy, 0.0)).result.warnings
+    told = f"the middle of images of {2 * cx:.0f}×{2 * cy:.0f} pixels, these have 64×48: if they were scaled"
+    assert any(told in warning for warning in warnings) == doubted
 
 
 def test_a_rate_that_nothing_tells_is_known_to_be_assumed(tmp_path: Path) -> None:

@@ -52,10 +52,35 @@ def test_a_colour_image_becomes_its_luma(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bits", [10, 12, 16])
-def test_deep_images_have_the_white_of_the_first(tmp_path: Path, bits: int) -> None:
+def test_deep_images_have_one_white(tmp_path: Path, bits: int) -> None:
     for name, grey in (("1.png", 200), ("2.png", 3), ("3.png", 255)):
         cv2.imwrite(str(tmp_path / name), np.full((48, 64), grey << (bits - 8), dtype=np.uint16))
     assert levels(tmp_path) == [200, 3, 255]
+
+
+@pytest.mark.parametrize("dark", [0, 40])
+def test_deep_images_of_a_camera_that_starts_in_the_dark_keep_their_highlights(
+    tmp_path: Path, dark: int
+) -> None:
+    for number in range(30):
+        grey = dark if number < 4 else 60_000 - 100 * number
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((48, 64), grey, dtype=np.uint16))
+    found = levels(tmp_path)
+    assert found[:4] == [0] * 4
+    assert found[4:] == [(60_000 - 100 * number) // 256 for number in range(4, 30)]
+
+
+def test_a_few_images_of_another_size_are_left_out_and_more_are_refused(tmp_path: Path) -> None:
+    for number in range(20):
+        write_grey(tmp_path / f"{number}.png", number)
+    for number in (3, 19):
+        write_grey(tmp_path / f"{number}.png", number, (6, 8))
+    frames = open_frames(tmp_path)
+    assert [number for number, _ in frames.numbered()] == [*range(3), *range(4, 19)]
+    assert frames.unreadable["3.png"] == "has 8×6 pixels: must be 64×48 as 0.png"
+    write_grey(tmp_path / "4.png", 4, (6, 8))
+    with pytest.raises(DatasetError, match=r"the first, 3\.png: has 8×6 pixels: must be 64×48 as 0\.png"):
+        list(frames.numbered())
 
 
 def test_a_video_gives_its_frames_and_its_rate_as_often_as_asked(tmp_path: Path) -> None:

@@ -69,6 +69,22 @@ def test_tracks_follow_a_known_motion_to_a_tenth_of_a_pixel(
     assert in_all.sum() > 0.5 * SETTINGS.columns * SETTINGS.rows * SETTINGS.per_cell
 
 
+@pytest.mark.parametrize("gains", [(1.0, 0.6, 1.0, 0.6), (1.0, 1.3, 1.6, 1.0), (0.3, 1.0, 0.3, 1.0)])
+def test_tracks_are_followed_as_well_where_the_exposure_changes(gains: tuple[float, ...]) -> None:
+    steady = moved((2.7, 1.15), 4)
+    images = [
+        np.minimum(image * gain, 255).astype(np.uint8) for image, gain in zip(steady, gains, strict=True)
+    ]
+    found, reference = FeatureTracks(images, SETTINGS), FeatureTracks(steady, SETTINGS)
+    in_all, of_reference = (np.count_nonzero(np.bincount(f.track_index) == 4) for f in (found, reference))
+    assert in_all > 0.8 * of_reference
+    errors = []
+    for number in np.unique(found.track_index):
+        frames, pixels = track(found, number)
+        errors.append((pixels - pixels[0]) - np.outer(frames - frames[0], (2.7, 1.15)))
+    assert np.percentile(np.linalg.norm(np.concatenate(errors), axis=1), 90) < 0.1
+
+
 @pytest.mark.parametrize("corners", CORNERS)
 def test_corners_are_the_strongest_around_in_the_half_image_by_their_own_measure(corners: str) -> None:
     settings = replace(SETTINGS, corners=corners, quality=0.2)
@@ -158,12 +174,35 @@ def test_another_picture_ends_nearly_all_tracks() -> None:
     assert len(np.intersect1d(first, second)) < 0.1 * len(first)
 
 
-def test_a_blank_image_has_no_tracks_and_those_after_it_are_new() -> None:
+@pytest.mark.parametrize("blanks", [1, 5])
+def test_corners_before_blank_images_are_followed_to_those_after_them(blanks: int) -> None:
     blank = np.full((HEIGHT, WIDTH), 90, np.uint8)
-    found = FeatureTracks([texture((0, 0)), blank, texture((0, 0))], SETTINGS)
-    first, none, last = (found.track_index[found.frame_index == k] for k in range(3))
-    assert len(none) == 0
+    first, last = moved((7.4, -5.2), 2)
+    found = FeatureTracks([first, *[blank] * blanks, last], SETTINGS)
+    assert set(found.frame_index) == {0, blanks + 1}
+    motions = [np.diff(track(found, k)[1], axis=0) for k in range(found.track_index.max() + 1)]
+    followed = np.concatenate(motions)
+    assert len(followed) > 0.7 * np.count_nonzero(found.frame_index == 0)
+    assert np.median(np.abs(followed - [7.4, -5.2])) < 0.05
+    assert (np.diff(found.track_index[found.frame_index == blanks + 1]) > 0).all()
+
+
+def test_after_many_blank_images_all_tracks_are_new() -> None:
+    blank = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    found = FeatureTracks([texture((0, 0)), *[blank] * 6, texture((0, 0))], SETTINGS)
+    first, last = (found.track_index[found.frame_index == k] for k in (0, 7))
     assert last.min() > first.max()
+
+
+def test_corners_that_come_back_are_not_followed_twice() -> None:
+    scene, spoilt = texture((0, 0)), texture((0, 0), seed=2)
+    # A shadow of the scene: its corners are found in the spoilt image, too.
+    spoilt = (0.75 * spoilt + 0.25 * scene).astype(np.uint8)
+    found = FeatureTracks([scene, spoilt, scene], SETTINGS)
+    last = found.pixels[found.frame_index == 2]
+    difference = np.linalg.norm(last[:, None] - last[None], axis=2)
+    np.fill_diagonal(difference, np.inf)
+    assert difference.min() >= SETTINGS.min_distance_px - 1
 
 
 @pytest.mark.parametrize("threads", [1, 4])
@@ -214,3 +253,33 @@ def test_frames_of_another_kind_or_size_are_refused() -> None:
         FeatureTracks([np.zeros((20, 30))])
     with pytest.raises(InvalidArgument, match=r"frames\[1\] has shape \(20, 31\)"):
         FeatureTracks([np.zeros((20, 30), np.uint8), np.zeros((20, 31), np.uint8)])
+    with pytest.raises(InvalidArgument, match=r"frames\[0\] has shape \(0, 30\): must have pixels"):
+        FeatureTracks([np.zeros((0, 30), np.uint8)])
+
+
+def test_nothing_is_followed_where_the_mask_is_black() -> None:
+    mask = np.ones((HEIGHT, WIDTH), bool)
+    mask[120:, 40:] = False
+    views = list(follow_features(moved((6.0, 5.0), 5), SETTINGS, mask))
+    for view in views:
+        columns, rows = np.rint(view.pixels).astype(int).T
+        assert mask[rows, columns].all()
+    # Corners that are not masked are followed as without a mask.
+    assert len(np.intersect1d(views[0].tracks, views[-1].tracks)) > 20
+    with pytest.raises(
+        InvalidArgument, match=r"mask has shape \(20, 30\): must be \(200, 320\) as frames\[0\]"
+    ):
+        list(follow_features(moved((0, 0), 1), SETTINGS, np.ones((20, 30))))
+
+
+def test_a_camera_may_give_each_image_in_the_same_array() -> None:
+    images = moved((2.7, 1.15), 4)
+    buffer = np.empty_like(images[0])
+
+    def from_camera() -> Iterator[np.ndarray]:
+        for image in images:
+            buffer[:] = image
+            yield buffer
+
+    found, reference = FeatureTracks(from_camera(), SETTINGS), FeatureTracks(images, SETTINGS)
+    np.testing.assert_array_equal(found.pixels, reference.pixels)
