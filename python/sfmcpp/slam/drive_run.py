@@ -230,7 +230,9 @@ def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:
 
 
 def _losses(frames: FrameSource) -> Iterator[str]:
-    """Name images that could not be read."""
+    """Name images that could not be read, and tell of a video that is damaged."""
+    if frames.shortfall is not None:
+        yield f"the video is cut short or damaged: {frames.shortfall}"
     if lost := frames.unreadable:
         named = [f"{name}: {reason}" for name, reason in list(lost.items())[:_NAMED]]
         more = ", …" if len(lost) > _NAMED else ""

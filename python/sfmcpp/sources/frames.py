@@ -75,6 +75,8 @@ class FrameSource(ABC):
         Names of the files, by the number of the frame; empty for tracks and videos.
     repeated : sequence of int
         Frames so far whose image is that of the frame before, to the last bit.
+    shortfall : str or None
+        As of :class:`sfmcpp.sources.vision.Frames`, once all frames have been seen.
     first_pixel_px : float
         Where the centre of the top left pixel is, in u and v [px]: 0.5 where pixels count from the corner of
         the image. Tracks are taken for such, as they do not tell.
@@ -90,6 +92,7 @@ class FrameSource(ABC):
     image_size: tuple[int, int] | None = None
     image_names: Sequence[str] = ()
     repeated: Sequence[int] = ()
+    shortfall: str | None = None
     first_pixel_px: float = 0.5
 
     @property
@@ -297,6 +300,7 @@ class ImageStream(FrameSource):
             self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
             yield Frame(numbers[-1], self._time_of(numbers[-1]), seen)
         self._count, self._last = len(numbers), max(numbers, default=self._last)
+        self.shortfall = self._images.shortfall
 
     @property
     def unreadable(self) -> Mapping[str, str]:

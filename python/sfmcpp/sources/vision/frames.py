@@ -58,6 +58,8 @@ class Frames(ABC):
         Reason for each file that :meth:`numbered` has left out, by its name.
     stamps : sequence of float
         Times of the frames of a video decoded so far, since the first one, increasing [s].
+    shortfall : str or None
+        How many frames a video lacks of those that it declares, if they are many, once all are decoded.
     """
 
     path: Path
@@ -65,6 +67,7 @@ class Frames(ABC):
     names: Sequence[str] = ()
     unreadable: Mapping[str, str] = MappingProxyType({})
     stamps: Sequence[float] = ()
+    shortfall: str | None = None
 
     @abstractmethod
     def __len__(self) -> int:
@@ -277,8 +280,7 @@ class _Video(Frames):
         finally:
             video.release()
         if decoded < self.fewest:
-            reason = f"only {decoded} of the {self._count} frames that it declares can be decoded"
-            raise DatasetError(self.path, reason)
+            self.shortfall = f"only {decoded} of the {self._count} frames that it declares can be decoded"
 
     def _open(self) -> Any:
         # Absolute, as a name with a colon could be that of a protocol.

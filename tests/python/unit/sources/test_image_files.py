@@ -116,12 +116,31 @@ def test_a_stream_knows_its_images(tmp_path: Path) -> None:
     assert stream.image_names == sorted(file.name for file in (tmp_path / "images").iterdir())
 
 
-def write_video(path: Path, count: int, codec: str = "MJPG") -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), 10.0, (64, 48))
+def write_video(path: Path, count: int, codec: str = "MJPG", noise: float = 0.0) -> Path:
+    writer, rng = (
+        cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), 10.0, (64, 48)),
+        np.random.default_rng(0),
+    )
     for number in range(count):
-        writer.write(np.full((48, 64, 3), 20 * number, np.uint8))
+        writer.write((20 * number + noise * rng.uniform(size=(48, 64, 3))).astype(np.uint8))
     writer.release()
     return path
+
+
+def test_a_video_that_is_cut_short_gives_what_there_is_and_says_so(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "clip.avi", 12, noise=30.0)
+    whole, _ = open_images(video, CAMERA)
+    assert (len(list(whole)), whole.shortfall) == (12, None)
+    content = video.read_bytes()
+    video.write_bytes(content[: 2 * len(content) // 3])
+    frames = open_drive(video, camera=CAMERA).frames
+    count = len(list(frames))
+    assert 0 < count < 10
+    assert frames.shortfall == f"only {count} of the 12 frames that it declares can be decoded"
+    assert (
+        f"the video is cut short or damaged: {frames.shortfall}"
+        in slam.run(video, camera=CAMERA).result.warnings
+    )
 
 
 class LongerVideo(Frames):

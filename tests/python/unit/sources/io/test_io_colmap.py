@@ -21,7 +21,7 @@ from io_helpers import (
     refusal,
     residuals,
 )
-from sfmcpp import DatasetError, Problem, circle_scene
+from sfmcpp import DatasetError, Problem
 from sfmcpp.model.metadata import SECOND_SIGHTINGS
 from sfmcpp.sources.io import read, write
 
@@ -398,12 +398,3 @@ def test_a_database_is_told_where_it_goes(tmp_path: Path) -> None:
     path.write_bytes(b"")
     with pytest.raises(DatasetError, match="is no database of SQLite"):
         read(path)
-
-
-def test_images_without_a_line_of_keypoints_are_told_what_is_missing(tmp_path: Path) -> None:
-    write(circle_scene(3, 20), tmp_path, format="colmap-text")
-    lines = (tmp_path / "images.txt").read_text().splitlines()
-    (tmp_path / "images.txt").write_text("\n".join([lines[0], *lines[1::2]]))
-    assert "images.txt:3: must hold the keypoints of the image before, not an image: each takes two" in str(
-        refusal(tmp_path)
-    )

@@ -38,3 +38,10 @@ def test_keypoints_of_points_that_an_empty_file_lacks_are_named(poses: Path) -> 
     (poses / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.jpg\n320 240 7\n")
     with pytest.raises(DatasetError, match=r"images\.txt:1: keypoint of point 7, which does not list it"):
         sfmcpp.read(poses)
+
+
+def test_images_without_a_line_of_keypoints_are_told_what_is_missing(poses: Path) -> None:
+    (poses / "images.txt").write_text(IMAGES.replace("\n\n", "\n"))
+    told = r"images\.txt:2: must hold the keypoints of the image before, not an image: each takes two lines"
+    with pytest.raises(DatasetError, match=told):
+        sfmcpp.read(poses)
