@@ -46,6 +46,10 @@ _FEWEST_OF_A_PAIR = 30
 _DENIED_SIGMAS = 5.0
 # Degrees of freedom of three cameras up to a similarity: 18 − 7.
 _FREEDOM_OF_CAMERAS = 11
+# Parallax that a rotation leaves is no noise from here on; where a camera only turns it is a tenth [px].
+_LEFT_BY_ROTATION_PX = 2.0
+# So many times the parallax of other starts; a few matches of a car that turns come to 2.5 times.
+_LONG_WAY = 4.0
 # Frames kept while the camera stands still: beyond, the oldest are dropped.
 _MOST_FRAMES = 1000
 
@@ -117,8 +121,11 @@ class Initialiser:
 
     def _parallax_px(self, shared: int) -> float:
         """Parallax to wait for: half of it will do once tracks run out, before there are none left."""
-        share = 0.5 if shared < _RUNNING_OUT * self._settings.min_inliers else 1.0
-        return share * self._settings.start_parallax_px
+        return (0.5 if self._runs_out(shared) else 1.0) * self._settings.start_parallax_px
+
+    def _runs_out(self, shared: int) -> bool:
+        """Whether soon too few tracks will be left, and a pose from them may be a wrong one."""
+        return shared < _RUNNING_OUT * self._settings.min_inliers
 
     def _map_of(self, before: FloatArray, after: FloatArray) -> WorldMap | None:
         settings, first, last = self._settings, self.frames[0], self.frames[-1]
@@ -147,14 +154,12 @@ class Initialiser:
         settings, first, last = self._settings, self.frames[0], self.frames[-1]
         names = f"frames {first.number} and {last.number}"
         least_px = settings.start_parallax_px / 2
-        free = relative_pose(
-            before,
-            after,
-            self._intrinsics,
-            min_parallax_px=least_px,
-            max_iterations=RANSAC_ITERATIONS,
-            seed=settings.seed,
-        )
+        free = self._free_pose(before, after, least_px)
+        if free.failure == "rotation only" and not self._runs_out(len(before)):
+            # Of a long way along a plane, as above flat ground, a rotation explains nearly all.
+            along = self._free_pose(before, after, _LEFT_BY_ROTATION_PX)
+            is_long = along.median_parallax_px >= _LONG_WAY * settings.start_parallax_px
+            free = along if along.success and is_long else free
         self.reason = f"{names}: {free.message}"
         turn = self._sensors.rotation(first.t_s, last.t_s)
         if turn is None:
@@ -176,6 +181,17 @@ class Initialiser:
         angle = so3.rotation_angle(turn.T @ free.camera[:, :3])
         self.reason = f"{names}: the rotation differs by {np.degrees(angle):.2g}° from the gyroscope's"
         return free.camera if angle <= SAME_TURN_RAD or self._contradictions > _DOUBTS else None
+
+    def _free_pose(self, before: FloatArray, after: FloatArray, min_parallax_px: float) -> RelativePose:
+        """Pose of the last frame by the images alone."""
+        return relative_pose(
+            before,
+            after,
+            self._intrinsics,
+            min_parallax_px=min_parallax_px,
+            max_iterations=RANSAC_ITERATIONS,
+            seed=self._settings.seed,
+        )
 
     def _remove_biases(self) -> bool:
         """Remove biases of gyroscopes that the frames so far show; whether there were any."""

@@ -96,6 +96,34 @@ def test_it_waits_for_the_parallax_it_is_told_and_for_half_of_it_once_tracks_run
     assert all(waited == (moved < wanted_px) for moved, waited in found)
 
 
+def above_flat_ground(poses: np.ndarray, height: float = 25.0) -> TrackSequence:
+    """What a camera sees that looks straight at a plane, and no more than fits in its image."""
+    rng = np.random.default_rng(2)
+    ground = np.column_stack([rng.uniform([-30, -25], [80, 25], (2500, 2)), np.full(2500, height)])
+    pixels = np.stack([project(pose, ground) for pose in poses]) + rng.normal(0, 0.3, (len(poses), 2500, 2))
+    frames, tracks = np.nonzero(((pixels > 0) & (pixels < [640, 480])).all(axis=2))
+    t_s = STEP_S * np.arange(len(poses))
+    return TrackSequence(t_s, frames, tracks, pixels[frames, tracks], INTRINSICS)
+
+
+def test_a_way_along_flat_ground_is_no_rotation() -> None:
+    ways = np.arange(20)[:, None] * np.array([[0.45, 0.1, 0.0]])
+    poses = path(ways, np.zeros((20, 3)))
+    _, world = offered(above_flat_ground(poses))
+    assert world is not None
+    turns = Rotation.from_matrix(world.poses[:, :, :3]).as_rotvec()
+    assert np.degrees(np.abs(turns)).max() < 0.2
+    way = world.poses[2, :, 3] / np.linalg.norm(world.poses[2, :, 3])
+    np.testing.assert_allclose(way, ways[1] / np.linalg.norm(ways[1]), atol=0.01)
+
+
+def test_above_flat_ground_a_rotation_is_no_way() -> None:
+    turning = path(np.zeros((40, 3)), np.arange(40)[:, None] * [[0.004, 0.018, 0.0]])
+    initialiser, world = offered(above_flat_ground(turning))
+    assert world is None
+    assert "rotation only" in initialiser.reason
+
+
 def test_frames_that_share_too_little_begin_again_with_the_last() -> None:
     poses = sideways(4, 0.08)
     first, second = drive(poses), drive(poses, seed=1)
