@@ -177,18 +177,22 @@ def test_a_report_to_the_standard_output_is_refused(tmp_path: Path, command: lis
     assert [path.name for path in tmp_path.iterdir()] == ["start.npz"]
 
 
-@pytest.mark.parametrize("command", [["solve", "model", "-o", "model"], ["convert", "model", "model"]])
-def test_a_colmap_model_with_rigs_is_not_replaced_by_half_and_no_work_is_done_in_vain(
+@pytest.mark.parametrize(
+    "command", [["solve", "start.npz", "-o", "model"], ["convert", "start.npz", "model"]]
+)
+def test_a_colmap_model_with_rigs_is_not_replaced_by_one_without_and_no_work_is_done_in_vain(
     tmp_path: Path, command: list[str]
 ) -> None:
     model = tmp_path / "model"
+    write_noisy_circle(tmp_path)
     sfmcpp.write(noisy_circle(), model)
     (model / "frames.bin").write_bytes(b"")
-    (model / "images.bin").write_bytes(b"reading it would fail with another message")
+    before = {path.name: path.read_bytes() for path in model.iterdir()}
     result = run_here(*command, cwd=tmp_path)
-    assert result.returncode == 2
+    assert (result.returncode, result.stdout) == (2, "")
     assert is_one_error_line(result)
     assert "frames.bin: the model that is there would be replaced" in result.stderr
+    assert before == {path.name: path.read_bytes() for path in model.iterdir()}
 
 
 def test_intrinsics_that_the_format_cannot_hold_once_refined_are_refused_before_the_solve(
