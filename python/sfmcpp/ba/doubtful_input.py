@@ -212,11 +212,11 @@ def _pixels(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int64]) -
 
 def _far_outside(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int64]) -> BoolArray:
     """Which of some observations are far outside; empty where sizes or the corner of images are not known."""
-    sizes, names = problem.metadata.image_sizes, problem.intrinsic_names
+    sizes, centres = problem.metadata.image_sizes, _principal_points(problem, intrinsics)
     wanted = (problem.num_cameras, 2)
-    if not isinstance(sizes, np.ndarray) or sizes.shape != wanted or "cx" not in names:
+    if not isinstance(sizes, np.ndarray) or sizes.shape != wanted or centres is None:
         return np.zeros(0, dtype=np.bool_)
-    centre = intrinsics[:, [names.index("cx"), names.index("cy")]][problem.intrinsics_index]
+    centre = centres[problem.intrinsics_index]
     of_camera = np.asarray(sizes, dtype=np.float64)
     camera, pixels = problem.camera_index[rows], problem.pixels[rows]
     known = np.all((centre > 0) & (centre < of_camera), axis=1)[camera]
@@ -228,8 +228,8 @@ def _far_outside(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int6
 
 def _of_one_quadrant(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.int64]) -> Iterator[str]:
     """Tell where all pixels are to one side of principal points of zero: those of NVM files may be."""
-    names = problem.intrinsic_names
-    if len(rows) < _FEWEST or ("cx" in names and intrinsics[:, [names.index("cx"), names.index("cy")]].any()):
+    centres = _principal_points(problem, intrinsics)
+    if len(rows) < _FEWEST or (centres is not None and centres.any()):
         return
     pixels = problem.pixels[rows]
     if ((pixels >= 0).all(axis=0) | (pixels <= 0).all(axis=0)).all():
@@ -238,3 +238,9 @@ def _of_one_quadrant(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.
             f"principal points are 0, and all pixels to one side of them, {left:.0f} to {right:.0f} and "
             f"{top:.0f} to {bottom:.0f}: do they count from a corner of the image? Run sfmcpp doctor"
         )
+
+
+def _principal_points(problem: Problem, intrinsics: FloatArray) -> FloatArray | None:
+    """Of each row of intrinsics (G, 2) [px]; None where the camera model has none."""
+    names = problem.intrinsic_names
+    return intrinsics[:, [names.index("cx"), names.index("cy")]] if "cx" in names else None

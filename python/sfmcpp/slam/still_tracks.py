@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.frames import View, common
 from sfmcpp.slam.world_map import WorldMap
 
@@ -25,10 +26,9 @@ def still_among_changing(first: View, last: View, overlap: float) -> str:
 
     Where the camera stands, at least the share `overlap` of the tracks is the same in both views.
     """
-    in_first, in_last = common(first, last)
-    moved_px = np.linalg.norm(last.pixels[in_last] - first.pixels[in_first], axis=1)
-    still, count = np.count_nonzero(moved_px < _STILL_PX), len(last.tracks)
-    if still >= overlap * count or 2 * still < len(moved_px):
+    pixels, is_still = _common_pixels(first, last)
+    still, count = np.count_nonzero(is_still), len(last.tracks)
+    if still >= overlap * count or 2 * still < len(pixels):
         return ""
     return f": {still} of its {count} tracks stand still while the others change, {_REMEDY}"
 
@@ -49,10 +49,8 @@ def warn_of_still_tracks(world: WorldMap | None) -> list[str]:
     views = [] if world is None else [keyframe.view for keyframe in world.keyframes][::_APART]
     found = []
     for before, after in pairwise(views):
-        in_before, in_after = common(before, after)
-        pixels = after.pixels[in_after]
-        moved_px = np.linalg.norm(pixels - before.pixels[in_before], axis=1)
-        found.append(pixels[moved_px < _STILL_PX])
+        pixels, is_still = _common_pixels(before, after)
+        found.append(pixels[is_still])
     stretches = [pixels for pixels in found if len(pixels)]
     if len(stretches) <= _STRETCHES * len(found) or sum(map(len, stretches)) < _FEWEST:
         return []
@@ -60,3 +58,10 @@ def warn_of_still_tracks(world: WorldMap | None) -> list[str]:
     (left, top), (right, bottom) = places.min(axis=0), places.max(axis=0)
     where = f"at u = {left:.0f} to {right:.0f}, v = {top:.0f} to {bottom:.0f} px"
     return [f"tracks stand still in the image while the camera moves, {where}, {_REMEDY}"]
+
+
+def _common_pixels(before: View, after: View) -> tuple[FloatArray, BoolArray]:
+    """Where the later view sees the tracks of both (n, 2) [px], and which of them stand still."""
+    in_before, in_after = common(before, after)
+    pixels = after.pixels[in_after]
+    return pixels, np.linalg.norm(pixels - before.pixels[in_before], axis=1) < _STILL_PX
