@@ -24,6 +24,7 @@ COMMANDS = {
     "slam": "Trajectory and map from a camera and other sensors.",
     "bag": "Make files for slam of a ROS bag, or list its topics.",
     "reconstruct": "Cameras and points from photos or tracks.",
+    "undistort": "Write the photos of a model without distortion, and their model.",
 }
 
 _LOOK: dict[str, Any] = {

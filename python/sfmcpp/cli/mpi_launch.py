@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _SIZES = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE")
 _RANKS = ("PMI_RANK", "OMPI_COMM_WORLD_RANK")
 # Commands that each process of a launcher does for itself; the others they do together.
-ALONE = ("info", "doctor", "synth", "evaluate", "slam", "bag", "reconstruct")
+ALONE = ("info", "doctor", "synth", "evaluate", "slam", "bag", "reconstruct", "undistort")
 # MPICH says that it was asked to end, after the one line that says why.
 _QUIET_ABORT = "MPIR_CVAR_SUPPRESS_ABORT_MESSAGE"
 

@@ -21,6 +21,7 @@ from sfmcpp.sources.vision.photos import (
     thumbnail_jpeg,
     without_copies,
 )
+from sfmcpp.sources.vision.undistortion import undistort_photos
 
 __all__ = [
     "CORNERS",
@@ -46,5 +47,6 @@ __all__ = [
     "read_gray",
     "read_mask",
     "thumbnail_jpeg",
+    "undistort_photos",
     "without_copies",
 ]
