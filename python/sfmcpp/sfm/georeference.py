@@ -27,7 +27,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, shaped_array
 from sfmcpp.model.checks import require_seed
 from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sfm.adjustment import FINE, hold_of_few_images
-from sfmcpp.sfm.fit_statistics import cost_variance, linear_model, pixel_variance
+from sfmcpp.sfm.fit_statistics import linear_model, pixel_variance
 from sfmcpp.sfm.intrinsics_sigmas import an_image_of_each, intrinsics_sigmas_of
 from sfmcpp.sfm.position_checks import (
     BLIND,
@@ -40,12 +40,12 @@ from sfmcpp.sfm.position_checks import (
     undecidable_positions,
     warnings_of_all,
 )
+from sfmcpp.sfm.position_weight import adjust_with_positions
 from sfmcpp.sfm.positions import Positions, local_positions, require_enough_of_model, require_no_line
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.stops import heed_stop
 from sfmcpp.weighting import solve
-from sfmcpp.weighting.statistics import MAX_COLUMNS
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -102,8 +102,7 @@ def georeference(
         Whether positions are latitude, longitude and height; the world axes are then east, north, up.
     sigmas_m : (C, 3) array-like, optional
         Standard deviations along the world axes as stated by the receiver [m]. They count relative to one
-        another, and their common factor is estimated. Problems with more than 4000 free camera parameters
-        need them, and use them as stated. Default: all equal.
+        another, and their common factor is estimated. Default: all equal.
     seed : int
         Random seed of the search for positions that agree.
     **options
@@ -116,8 +115,7 @@ def georeference(
     Raises
     ------
     InvalidArgument
-        If an argument breaks a rule, too few positions are known or they lie on a line, or the problem is
-        too large for their standard deviation to be found and none is stated.
+        If an argument breaks a rule, too few positions are known or they lie on a line.
     KeyboardInterrupt
         On Ctrl-C.
     """
@@ -136,7 +134,6 @@ def georeference_to(
 ) -> Georeferenced:
     """:func:`georeference` by positions that are in a metric frame already."""
     require_movable(problem)
-    _uses_stated_sigmas(problem, positions)
     # Refuses too few positions, before the problem is changed.
     georeferencing = _Georeferencing(problem, positions, image_names(problem), seed)
     limit = TimeLimit(options.get("max_seconds"))
@@ -204,17 +201,6 @@ def require_movable(problem: Problem) -> None:
             )
 
 
-def _uses_stated_sigmas(problem: Problem, positions: Positions) -> bool:
-    """Whether σ must be as stated, as the problem is too large for it to be found."""
-    columns = 6 * problem.num_cameras + np.count_nonzero(np.logical_not(problem.fixed_intrinsics))
-    if columns > MAX_COLUMNS and positions.sigmas_m is None:
-        raise InvalidArgument(
-            f"gps: of {columns} free parameters of cameras, more than {MAX_COLUMNS}, no σ of positions can "
-            "be found: their standard deviations must be stated"
-        )
-    return bool(columns > MAX_COLUMNS)
-
-
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """A problem adjusted together with the positions of some of its n images that have one.
@@ -269,7 +255,7 @@ class _Georeferencing:
         """Adjust with the positions that agree, until these are the same as before."""
         problem, images = self._problem, self._images
         metres, weights = self._stated.metres, self._stated.member_weights
-        stated_m = self._stated.stated_sigma_m if _uses_stated_sigmas(problem, self._positions) else None
+        sigma_m = None
         good = agreeing_pairs(problem.centres[images], metres, seed=self._seed)
         good |= undecidable_positions(problem.centres[images], metres, weights, good)
         for _ in range(_ROUNDS):
@@ -286,7 +272,9 @@ class _Georeferencing:
                 name="gps",
             )
             limited = limit.of(options)
-            sigma_m, redundancy, loss_scale_px = _adjust(problem, group, stated_m, limited, loss_scale_px)
+            sigma_m, redundancy, loss_scale_px = adjust_with_positions(
+                problem, group, sigma_m, limited, loss_scale_px
+            )
             apart = problem.centres[images] - metres
             misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
             agrees = misses <= outlier_sigmas(redundancy) * np.sqrt(3) * sigma_m
@@ -350,28 +338,6 @@ def _fitted_similarity(centres: FloatArray, metres: FloatArray, weights: FloatAr
         return fit_similarity(centres, metres, weights.mean(axis=1))
     except InvalidArgument as error:
         raise InvalidArgument(f"gps: no positions tell where the model is: {error}") from error
-
-
-def _adjust(
-    problem: Problem,
-    group: ConstraintGroup,
-    stated_m: float | None,
-    options: dict[str, Any],
-    loss_scale_px: float,
-) -> tuple[float, float, float]:
-    """Adjust images and their positions together, and weigh these.
-
-    Returns σ of a coordinate of a position [m], found or as stated, from how many numbers that the fit leaves
-    over, and the scale that the loss ends with; it is given as the last adjustment had it.
-    """
-    if stated_m is not None:
-        group.weight = 3 / stated_m**2 * cost_variance(linear_model(problem, [], options, loss_scale_px))
-        summary = solve(problem, constraints=[group], **options).require_uninterrupted()
-        return stated_m, np.inf, summary.loss_scale_px
-    summary = solve(problem, constraints=[group], weight="auto", **options).require_uninterrupted()
-    weight = summary.group_weights[0]
-    redundancy = np.inf if weight.redundancy is None else weight.redundancy
-    return weight.sensor_sigma, redundancy, summary.loss_scale_px
 
 
 def _sigmas_of_result(

@@ -78,6 +78,7 @@ class Growth:
         self.reasons: dict[int, str] = {}
         self._adjusted = (0, 0)
         self._losses = np.zeros(self.world.num_images, dtype=np.intp)
+        self._scores: dict[int, tuple[bytes, int]] = {}
 
     def start(self) -> bool:
         """Find a first pair; whether there is one."""
@@ -233,10 +234,18 @@ class Growth:
         return np.asarray(images[np.argsort(-np.asarray(scores), kind="stable")])
 
     def _coverage_score(self, image: int, sees: NDArray[np.bool_]) -> int:
+        """How much of an image the points that it sees cover; computed where these have changed."""
+        rows = self.world.keypoints_of([image])
+        seen = sees[rows]
+        before, score = self._scores.get(image, (b"", 0))
+        if (now := seen.tobytes()) != before:
+            score = self._cells_with_points(image, rows[seen])
+            self._scores[image] = now, score
+        return score
+
+    def _cells_with_points(self, image: int, rows: NDArray[np.intp]) -> int:
         """Cells of finer and finer grids that hold points, the finer ones counting more (COLMAP's rule)."""
-        world = self.world
-        rows = world.keypoints_of([image])
-        pixels = world.keypoints[rows[sees[rows]]]
+        world, pixels = self.world, self.world.keypoints[rows]
         size = np.maximum(world.camera_sizes[world.image_cameras[image]], np.ptp(pixels, axis=0) + 1)
         score = 0
         for level in range(1, _SPREAD_LEVELS + 1):

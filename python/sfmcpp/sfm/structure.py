@@ -14,7 +14,7 @@ from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.sfm.settings import IncrementalSettings
-from sfmcpp.sfm.tracks import NO_TRACK
+from sfmcpp.sfm.tracks import NO_TRACK, TrackMembers
 
 Numbers = NDArray[np.intp]
 
@@ -49,6 +49,7 @@ class Structure:
         self.tracks = tracks.copy()
         self._apart = apart
         self.given_up = np.zeros(len(tracks), dtype=np.bool_)
+        self._members = TrackMembers(self.tracks, len(world.points))
 
     def state(self) -> tuple[NDArray[np.int32], BoolArray]:
         """Copies of the tracks (K,) and of `given_up` (K,), for :meth:`restore`."""
@@ -57,6 +58,7 @@ class Structure:
     def restore(self, tracks: NDArray[np.int32], given_up: BoolArray) -> None:
         """Make tracks and `given_up` what they were; what the map has of them is its own."""
         self.tracks[:], self.given_up[:] = tracks, given_up
+        self._members = TrackMembers(self.tracks, len(self.world.points))
 
     def sees_known(self, rows: Numbers | slice = slice(None)) -> BoolArray:
         """Which keypoints, all or `rows` (m,), see a point that has a position."""
@@ -98,11 +100,8 @@ class Structure:
 
     def _restore_observations(self, tracks: NDArray[np.integer]) -> None:
         """Let all keypoints of `tracks` without a position belong to them again, as at the start."""
-        wanted = np.zeros(len(self.world.points), dtype=np.bool_)
-        wanted[tracks] = True
-        free = (self.tracks != NO_TRACK) & (self.world.keypoint_points < 0)
-        rows = np.flatnonzero(free)
-        rows = rows[wanted[self.tracks[rows]]]
+        rows = self._members.of(tracks)
+        rows = rows[self.world.keypoint_points[rows] < 0]
         self.observe(rows, self.tracks[rows])
 
     def complete(self, images: Numbers) -> int:
@@ -168,6 +167,7 @@ class Structure:
                 same[same == b] = a
         tracked = self.tracks != NO_TRACK
         self.tracks[tracked] = same[self.tracks[tracked]]
+        self._members = TrackMembers(self.tracks, len(world.points))
         return int(np.count_nonzero(same != np.arange(len(same))))
 
     def _fit_mutually(self, pairs: NDArray[np.integer]) -> BoolArray:

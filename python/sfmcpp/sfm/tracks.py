@@ -36,6 +36,28 @@ class Tracks:
     apart: Links
 
 
+class TrackMembers:
+    """Keypoints of tracks: what is asked of some tracks costs what they have, however many there are.
+
+    Parameters
+    ----------
+    track : (K,) int32
+        Track of each keypoint, or -1.
+    count : int
+        Number of tracks.
+    """
+
+    def __init__(self, track: IndexArray, count: int) -> None:
+        self._rows = np.argsort(track, kind="stable")
+        self._begin = np.searchsorted(track, np.arange(count + 1), sorter=self._rows)
+
+    def of(self, tracks: NDArray[np.integer]) -> Links:
+        """Keypoints of `tracks` (n,), each of which is there once; in their order."""
+        begin, counts = self._begin[tracks], self._begin[tracks + 1] - self._begin[tracks]
+        places = np.repeat(begin + counts - np.cumsum(counts), counts) + np.arange(counts.sum())
+        return np.sort(self._rows[places])
+
+
 def build_tracks(graph: MatchGraph) -> Tracks:
     """Join the verified matches of all pairs into tracks of which no image sees one twice.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 from copy import deepcopy
@@ -185,24 +184,25 @@ def test_stated_deviations_count_relative_to_one_another() -> None:
     assert stated_m < 0.5 * alike_m
 
 
-def test_of_a_large_problem_deviations_must_be_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = importlib.import_module("sfmcpp.sfm.georeference")
-    monkeypatch.setattr(module, "MAX_COLUMNS", 239)
+@pytest.mark.parametrize("stated", [False, True])
+def test_of_a_large_problem_sigma_is_found_too(monkeypatch: pytest.MonkeyPatch, stated: bool) -> None:
     truth = scene(3)
-    gps = truth.centres + np.random.default_rng(3).normal(0, 0.3, (40, 3))
+    random = np.random.default_rng(3)
+    far = random.random((40, 1)) < 0.5
+    sigmas = np.where(far, 0.4, 0.1 if stated else 0.4) * np.ones(3)
+    gps = truth.centres + random.normal(0, 1, (40, 3)) * sigmas
     gps[7, 1] += 8.0
-    problem = in_a_frame_of_its_own(truth, 3)
-    with pytest.raises(InvalidArgument, match="of 240 free parameters of cameras, more than 239, no σ"):
-        georeference(problem, gps)
-    found = georeference(problem, gps, sigmas_m=np.full((40, 3), 0.3))
-    assert found.outcome.sigma_m == found.outcome.stated_sigma_m == 0.3
-    assert found.outcome.outliers == ["7"]
-    # Images are taken at half a pixel: positions must weigh as much beside them as where σ is found.
-    monkeypatch.undo()
-    chosen = georeference(problem.copy(), gps)
-    expected = chosen.group.weight * (chosen.outcome.sigma_m / 0.3) ** 2
-    assert found.group.weight == pytest.approx(expected, rel=0.02)
-    assert camera_errors_m(problem, truth.centres).max() < 0.3
+    small, large = in_a_frame_of_its_own(truth, 3), in_a_frame_of_its_own(truth, 3)
+    known = {"sigmas_m": sigmas / 2} if stated else {}
+    wanted = georeference(small, gps, **known)
+    monkeypatch.setattr("sfmcpp.sfm.position_weight.MAX_COLUMNS", 239)
+    monkeypatch.setattr("sfmcpp.sfm.position_weight._SAMPLED", 20)  # of 40
+    found = georeference(large, gps, **known)
+    assert found.outcome.outliers == wanted.outcome.outliers == ["7"]
+    assert found.outcome.sigma_m == pytest.approx(wanted.outcome.sigma_m, rel=0.02)
+    assert found.group.weight == pytest.approx(wanted.group.weight, rel=0.04)
+    assert found.outcome.accuracy_m == pytest.approx(wanted.outcome.accuracy_m, rel=0.02)
+    assert np.abs(large.centres - small.centres).max() < 0.1 * found.outcome.accuracy_m
 
 
 # Six photos of a line of flight, and one aside of it.

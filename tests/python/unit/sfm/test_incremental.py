@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -247,3 +249,21 @@ def test_points_need_three_views_where_that_is_asked_for() -> None:
 def test_settings_out_of_their_range_are_refused_by_name(change: dict[str, float], rule: str) -> None:
     with pytest.raises(InvalidArgument, match=rule):
         IncrementalSettings(**change)  # type: ignore[arg-type]
+
+
+def test_how_points_cover_an_image_is_computed_again_only_where_they_have_changed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    truth = truth_of()
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    compute, seen = Growth._cells_with_points, [[np.empty(0, dtype=np.intp)] for _ in graph.photos]
+
+    def counted(growth: Growth, image: int, rows: np.ndarray) -> int:
+        seen[image].append(rows)
+        return compute(growth, image, rows)
+
+    monkeypatch.setattr(Growth, "_cells_with_points", counted)
+    (world,) = grown(graph, known_cameras(graph, truth)).models
+    assert world.registered.all()
+    for one in seen:
+        assert not any(np.array_equal(a, b) for a, b in pairwise(one))

@@ -7,7 +7,7 @@ import numpy as np
 from sfmcpp.geometry import TwoViewGeometry
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sfm import MatchGraph, Pair
-from sfmcpp.sfm.tracks import NO_TRACK, build_tracks
+from sfmcpp.sfm.tracks import NO_TRACK, TrackMembers, build_tracks
 
 UNKNOWN = np.full((3, 3), np.nan)
 
@@ -79,3 +79,10 @@ def test_nothing_matched_gives_no_tracks() -> None:
     tracks = build_tracks(graph_of([3, 0], {}))
     assert tracks.count == 0
     assert (tracks.track == NO_TRACK).all()
+
+
+def test_members_of_tracks_are_their_keypoints_in_order() -> None:
+    track = np.array([2, NO_TRACK, 0, 2, NO_TRACK, 0, 2], dtype=np.int32)
+    members = TrackMembers(track, 4)
+    assert members.of(np.array([2, 0])).tolist() == [0, 2, 3, 5, 6]
+    assert members.of(np.array([1, 3])).tolist() == members.of(np.empty(0, dtype=np.intp)).tolist() == []
