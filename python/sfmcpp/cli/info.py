@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from sfmcpp.sources.frames import TrackSequence
 
 Fact = tuple[str, str]
+# What is read of a file to tell tracks by their first lines.
+_HEAD_BYTES = 1 << 16
 
 Source = Annotated[
     Path,
@@ -70,11 +72,23 @@ def facts_of(source: Path) -> list[Fact]:
     if suffixes & {".mrk", ".pos"}:
         return list(_positions(source))
     if ".csv" in suffixes:
-        return _first_that_fits(source, (_sensors, _tracks, _control_points, _positions, _trajectory))
+        # Cells of text take twenty times the size of the file: tracks of an hour are not tried as sensors.
+        first = (_tracks, _sensors) if _is_tracks(source) else (_sensors, _tracks)
+        return _first_that_fits(source, (*first, _control_points, _positions, _trajectory))
     if ".txt" in suffixes:
         readers = (_problem, _tracks, _trajectory, _sensors, _control_points, _positions, _image_tracks)
         return _first_that_fits(source, readers)
     return _first_that_fits(source, (_problem, _image_tracks))
+
+
+def _is_tracks(source: Path) -> bool:
+    from sfmcpp.sources.io.track_files import has_title
+
+    try:
+        with source.open("rb") as stream:
+            return has_title(stream.read(_HEAD_BYTES))
+    except OSError:
+        return False  # as its readers will say
 
 
 def _folder(source: Path) -> list[Fact]:

@@ -293,7 +293,11 @@ class Map(Store):
             Its points are not a number.
         """
         chosen = np.unique(numbers_below("images", images, len(self.poses)))
-        return self._seen_points(chosen, ~self.known, min_views)
+        rows = self.keypoints_of(chosen)
+        rows = rows[self.keypoint_points[rows] >= 0]
+        points, place, views = np.unique(self.keypoint_points[rows], return_inverse=True, return_counts=True)
+        wanted = ~np.isfinite(self.points[points, 0]) & (views >= min_views)
+        return self._local_problem(chosen, points[wanted].astype(np.intp), rows[wanted[place]])
 
     @checked()
     def seen_from(self, images: ArrayLike, points: ArrayLike) -> LocalProblem:

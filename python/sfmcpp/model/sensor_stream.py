@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -295,6 +296,10 @@ class SensorStream:
 
     def gaps(self) -> tuple[Gap, ...]:
         """All stretches between samples longer than `max_gap_s`."""
+        return self._gaps
+
+    @cached_property
+    def _gaps(self) -> tuple[Gap, ...]:
         long = np.flatnonzero(np.diff(self.t_s) > self.max_gap_s + self._rounding_s)
         return tuple(Gap(float(self.t_s[i]), float(self.t_s[i + 1])) for i in long)
 
@@ -333,8 +338,8 @@ class SensorStream:
         kept = (self.t_s < stretch.start_s) | (self.t_s > stretch.end_s)
         return self.only(kept) if kept.any() else None
 
-    def only(self, kept: BoolArray) -> SensorStream:
-        """The measurements where `kept`, (n,) bool, is true; at least one must be."""
+    def only(self, kept: BoolArray | slice) -> SensorStream:
+        """The measurements where `kept`, (n,) bool, is true, or those of a slice; at least one must be."""
         return replace(self, t_s=self.t_s[kept], values=self.values[kept])
 
     def __repr__(self) -> str:

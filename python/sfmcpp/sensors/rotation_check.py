@@ -216,8 +216,9 @@ def turns_at_offsets(
 ) -> FloatArray:
     """Rotations (offsets, n, 3, 3) of the camera between `times` (n, 2), each offset added to the stamps."""
     reach_s = np.abs(offsets).max() + stream.max_gap_s
-    near = (stream.t_s >= times.min() - reach_s) & (stream.t_s <= times.max() + reach_s)
-    stream = stream.only(near)
+    first = np.searchsorted(stream.t_s, times.min() - reach_s, side="left")
+    last = np.searchsorted(stream.t_s, times.max() + reach_s, side="right")
+    stream = stream.only(slice(first, last))
     absolute = rotations_at_samples(stream, 1 / factor)
     shifted = times - offsets[:, None, None]
     start, end = (interpolate_rotations(stream.t_s, absolute, shifted[..., k].ravel()) for k in (0, 1))

@@ -7,7 +7,7 @@ beyond the first or the last sample. Where it does not, the answer is None, neve
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,12 @@ from sfmcpp.model.arrays import ANY, BoolArray, FloatArray, finite_array, requir
 
 _RATES = ("speed", "velocity", "angular_rate")
 _PLACES = ("position", "pose")
+# Rows before and after each time, and how far it is from one to the other.
+_Sides = tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]
 # Rates this far apart do not tell a motion [s].
 _SPARSE_S = 2.0
+# More gaps of a stream than this are told in one sentence.
+_MOST_GAPS = 8
 
 
 def require_kind(stream: SensorStream, *kinds: str) -> None:
@@ -60,17 +64,20 @@ def measured_at(stream: SensorStream, times_s: FloatArray) -> FloatArray:
     InvalidArgument
         If a time is not finite.
     """
+    # A stream was checked as it was made: only the samples beside the times are looked at.
     t_s, values = stream.t_s, stream.values
+    times_s = finite_array("times_s", times_s, (ANY,))
     if stream.kind in _RATES:
-        return interpolate_vectors(t_s, values, np.clip(times_s, t_s[0], t_s[-1]))
+        times_s = np.clip(times_s, t_s[0], t_s[-1])
+    sides = _bracketing_rows(t_s, times_s)
     if stream.kind == "orientation":
-        return so3.log(interpolate_rotations(t_s, so3.exp(values), times_s))
+        return so3.log(_turned_between(so3.exp, values, sides))
     if stream.kind == "pose":
-        turns = so3.log(interpolate_rotations(t_s, so3.exp(values[:, 3:]), times_s))
-        return np.hstack([interpolate_vectors(t_s, values[:, :3], times_s), turns])
+        turns = so3.log(_turned_between(so3.exp, values[:, 3:], sides))
+        return np.hstack([_moved_between(values[:, :3], sides), turns])
     if stream.kind == "geodetic":
         values = np.column_stack([values[:, 0], np.unwrap(values[:, 1], period=360.0), values[:, 2]])
-    return interpolate_vectors(t_s, values, times_s)
+    return _moved_between(values, sides)
 
 
 def segments(start_s: float, end_s: float, *streams: SensorStream) -> tuple[FloatArray, FloatArray]:
@@ -90,14 +97,20 @@ def segments(start_s: float, end_s: float, *streams: SensorStream) -> tuple[Floa
     lengths_s : (m,) float64
         Length of each piece [s]; none is longer than the time between samples.
     """
-    inside = [s.t_s[(s.t_s > start_s) & (s.t_s < end_s)] for s in streams]
+    inside = [_stamps_between(s.t_s, start_s, end_s) for s in streams]
     cuts = np.unique(np.concatenate([[start_s, end_s], *inside]))
     return 0.5 * (cuts[:-1] + cuts[1:]), np.diff(cuts)
 
 
+def _stamps_between(t_s: FloatArray, start_s: float, end_s: float) -> FloatArray:
+    """Stamps after the start and before the end, whatever the length of the stream."""
+    first, last = np.searchsorted(t_s, start_s, side="right"), np.searchsorted(t_s, end_s, side="left")
+    return t_s[first:last]
+
+
 @checked()
 def describe_gaps(streams: Sequence[SensorStream]) -> list[str]:
-    """Tell of each gap too long to be bridged, naming the stream and the times.
+    """Tell of each gap too long to be bridged, naming the stream and the times; of many in one sentence.
 
     Parameters
     ----------
@@ -107,13 +120,20 @@ def describe_gaps(streams: Sequence[SensorStream]) -> list[str]:
     Returns
     -------
     list of str
-        One line for each gap.
+        One line for each gap; one for all of a stream that has more than eight.
     """
-    return [
-        f"stream {stream.name!r}: gap of {gap}, longer than {stream.max_gap_s:.3f} s: no measurements in it"
-        for stream in streams
-        for gap in stream.gaps()
-    ]
+    return [told for stream in streams for told in _gaps_in_words(stream)]
+
+
+def _gaps_in_words(stream: SensorStream) -> list[str]:
+    gaps, told = stream.gaps(), f"stream {stream.name!r}: "
+    if len(gaps) > _MOST_GAPS:
+        together_s = sum(gap.end_s - gap.start_s for gap in gaps)
+        where = f"{together_s:.1f} s together, first {gaps[0]}"
+        longer = f"{len(gaps)} gaps longer than {stream.max_gap_s:.3f} s"
+        return [f"{told}{longer}, {where}: no measurements in them"]
+    rule = f"longer than {stream.max_gap_s:.3f} s: no measurements in it"
+    return [f"{told}gap of {gap}, {rule}" for gap in gaps]
 
 
 @checked()
@@ -245,10 +265,7 @@ def interpolate_rotations(t_s: FloatArray, rotations: FloatArray, times_s: Float
     """
     t_s, times_s = _checked_stamps(t_s, times_s)
     rotations = finite_array("rotations", rotations, (len(t_s), 3, 3))
-    before, after, share = _bracketing_rows(t_s, times_s)
-    start = rotations[before]
-    turn = so3.log(np.swapaxes(start, 1, 2) @ rotations[after])
-    return np.asarray(start @ so3.exp(share[:, None] * turn))
+    return _turned_between(np.asarray, rotations, _bracketing_rows(t_s, times_s))
 
 
 def interpolate_vectors(t_s: FloatArray, vectors: FloatArray, times_s: FloatArray) -> FloatArray:
@@ -274,8 +291,7 @@ def interpolate_vectors(t_s: FloatArray, vectors: FloatArray, times_s: FloatArra
     """
     t_s, times_s = _checked_stamps(t_s, times_s)
     vectors = finite_array("vectors", vectors, (len(t_s), ANY))
-    before, after, share = _bracketing_rows(t_s, times_s)
-    return np.asarray(vectors[before] + share[:, None] * (vectors[after] - vectors[before]))
+    return _moved_between(vectors, _bracketing_rows(t_s, times_s))
 
 
 def interpolate_poses(t_s: FloatArray, poses: FloatArray, times_s: FloatArray) -> FloatArray:
@@ -315,7 +331,22 @@ def _checked_stamps(t_s: FloatArray, times_s: FloatArray) -> tuple[FloatArray, F
     return t_s, finite_array("times_s", times_s, (ANY,))
 
 
-def _bracketing_rows(t_s: FloatArray, times_s: FloatArray) -> tuple[np.ndarray, np.ndarray, FloatArray]:
+def _turned_between(
+    rotation_of: Callable[[FloatArray], FloatArray], rows: FloatArray, sides: _Sides
+) -> FloatArray:
+    """Rotations (m, 3, 3) between those of the rows (n, …) on both sides of each time."""
+    before, after, share = sides
+    start, end = rotation_of(rows[before]), rotation_of(rows[after])
+    return np.asarray(start @ so3.exp(share[:, None] * so3.log(np.swapaxes(start, 1, 2) @ end)))
+
+
+def _moved_between(vectors: FloatArray, sides: _Sides) -> FloatArray:
+    """Vectors (m, k) on the straight lines between those on both sides of each time."""
+    before, after, share = sides
+    return np.asarray(vectors[before] + share[:, None] * (vectors[after] - vectors[before]))
+
+
+def _bracketing_rows(t_s: FloatArray, times_s: FloatArray) -> _Sides:
     """Rows before and after each time, and how far from one to the other; outside [0, 1] beyond the ends."""
     if len(t_s) == 1:
         alone = np.zeros(len(times_s), dtype=np.int64)

@@ -63,7 +63,7 @@ class Follower:
             return None
         moved = found.failure != "rotation only"
         length = self.length(last.t_s, frame.t_s, result) if moved else 0.0
-        pose = result.poses[last.number]
+        pose = result.path.pose_of(last.number)
         rotation = pose[:, :3] @ found.camera[:, :3]
         centre = pose[:, 3] + length * pose[:, :3] @ found.camera[:, 3]
         return Step(np.column_stack([rotation, centre]), moved)
@@ -128,7 +128,7 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     if scale is None:
         scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
     # The first camera of the part is its world.
-    anchor = result.poses[part.keyframes[0].frame]
+    anchor = result.path.pose_of(part.keyframes[0].frame)
     last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]
     for keyframe in part.keyframes:
         rotation = anchor[:, :3] @ keyframe.pose[:, :3]

@@ -7,7 +7,7 @@ over, and no weight prevents it: by their rotations alone either the sensor or t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from sfmcpp.geometry import relative_pose
 from sfmcpp.model.arrays import FloatArray
@@ -94,7 +94,7 @@ def remove_biases(
     bool
         Whether any rates have changed.
     """
-    fresh = [image for image in images if image.t_s >= sensors.turns_until_s]
+    fresh = list(takewhile(lambda image: image.t_s >= sensors.turns_until_s, reversed(images)))[::-1]
     if len(fresh) < 2 or not sensors.compares_pairs or not settings.trusts_declared:
         return False
     turns = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from typing import Any, Literal
 
@@ -241,9 +241,9 @@ class SlamCheckpoints:
             raise DatasetError(taken.path, f"is of other images: frame {frame.number} sees something else")
         return True
 
-    def offer(self, frame: Frame, state: State, last: bool) -> None:
-        """Save the state of the loop after a frame, if it is time, or the run ends there."""
-        self._run.offer(lambda: flatten((frame, state)), last)
+    def offer(self, frame: Frame, state: Callable[[], State], last: bool) -> None:
+        """Save the state of the loop after a frame, asked for only if it is time or the run ends there."""
+        self._run.offer(lambda: flatten((frame, state())), last)
 
     @property
     def warnings(self) -> list[str]:

@@ -79,7 +79,7 @@ def run_slam(
         slam.step(frame)
         slam.result.seconds = time.perf_counter() - begin_s
         ended = ends_run(callback, frame.number, slam.result)
-        checkpoints.offer(frame, slam.state(), ended)
+        checkpoints.offer(frame, slam.state, ended)
         if ended:
             break
     else:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import heapq
-from collections.abc import Collection
+from bisect import bisect_left
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from itertools import islice, takewhile
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Path:
     between : dict of int to (3, 4) float64
         Pose of each frame that has one and is no keyframe, world_from_camera; the map has those of keyframes.
     times : dict of int to float
-        Time of each frame looked at [s].
+        Time of each frame looked at [s], in the order of time.
     world : WorldMap or None
         The map, as soon as there is one.
     seen_from : dict of int to (3, 3) float64
@@ -45,9 +46,30 @@ class Path:
 
     def latest(self, count: int, without: Collection[int] = ()) -> dict[int, FloatArray]:
         """Poses of the last `count` frames that have one, in their order."""
-        poses = self.poses
-        last = heapq.nlargest(count, (k for k in poses if k not in without))[::-1]
-        return {number: poses[number] for number in last}
+        last = (item for item in self._backwards() if item[0] not in without)
+        return dict(reversed(list(islice(last, count))))
+
+    def since(self, first: int) -> dict[int, FloatArray]:
+        """Poses of the frames from number `first` on that have one, in their order."""
+        return dict(reversed(list(takewhile(lambda item: item[0] >= first, self._backwards()))))
+
+    def pose_of(self, number: int) -> FloatArray:
+        """Pose (3, 4) of a frame that has one."""
+        keyframes = self.world.keyframes if self.world else []
+        place = bisect_left(keyframes, number, key=lambda keyframe: keyframe.frame)
+        is_keyframe = place < len(keyframes) and keyframes[place].frame == number
+        return keyframes[place].pose if is_keyframe else self.between[number]
+
+    def _backwards(self) -> Iterator[tuple[int, FloatArray]]:
+        """Frames that have a pose, from the last to the first: the latest cost the same in a run of hours."""
+        keyframes = reversed(self.world.keyframes) if self.world else iter(())
+        keyframe = next(keyframes, None)
+        for number in reversed(self.times):
+            if keyframe is not None and keyframe.frame == number:
+                yield number, keyframe.pose
+                keyframe = next(keyframes, None)
+            elif number in self.between:
+                yield number, self.between[number]
 
     def transform(self, similarity: Similarity, first: int = 0) -> None:
         """Move the poses between keyframes, of the frames from number `first` on (thesis eq. 5.16)."""
@@ -74,7 +96,7 @@ class Path:
         if not len(moved):
             return
         for k in range(max(int(moved[0]) - 1, 0), len(keyframes)):
-            end = keyframes[k + 1].frame if k + 1 < len(keyframes) else max(self.times) + 1
+            end = keyframes[k + 1].frame if k + 1 < len(keyframes) else next(reversed(self.times)) + 1
             numbers = [f for f in range(keyframes[k].frame + 1, end) if f in self.between]
             if not numbers:
                 continue

@@ -169,7 +169,7 @@ class SlamResult:
 
         It is what a gyroscope can be compared with.
         """
-        poses = {k: np.array(pose) for k, pose in sorted(self.poses.items()) if k >= first}
+        poses = {k: np.array(pose) for k, pose in self.path.since(first).items()}
         for frame, pose in poses.items():
             pose[:, :3] = pose[:, :3] @ self.path.seen_from.get(frame, np.eye(3))
         return Trajectory(np.array([self.path.times[k] for k in poses]), np.stack(list(poses.values())))

@@ -28,6 +28,8 @@ _OPEN_STEP = 0.3
 _LARGE = 0.3
 # … which names the steps that this share of the variance comes from.
 _NAMED_SHARE = 0.8
+# Stretches of frames that it names at most; report.json has all.
+_MOST_NAMED = 8
 # Frames between which no more than so many lie are named as one stretch.
 _NEAR_FRAMES = 5
 
@@ -94,7 +96,9 @@ def warn_of_scale(result: SlamResult) -> list[str]:
     sigmas = scale_sigmas(result)
     if sigmas is None or not len(sigmas) or sigmas[-1] <= _LARGE:
         return []
-    where = ", ".join(stretches(_weakest(_step_sigmas(result))))
+    weak = stretches(_weakest(_step_sigmas(result)))
+    more = f" and in {len(weak) - _MOST_NAMED} more stretches" if len(weak) > _MOST_NAMED else ""
+    where = f"{', '.join(weak[:_MOST_NAMED])}{more}"
     return [
         f"the scale of the map may change from start to end, by {scale_text(float(sigmas[-1]))}: images hold "
         f"the lengths of steps poorly at frames {where}; an odometer, a GPS, an INS or right images hold it"

@@ -29,7 +29,7 @@ from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
 from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
-from sfmcpp.slam.rate_biases import RateBiases
+from sfmcpp.slam.rate_biases import RateBiases, RatesAtRest
 from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
@@ -277,12 +277,20 @@ class SensorSuite:
         before, changed = set(self.biases.known), False
         for sensor in self.given:
             if has_rates(sensor):
-                in_step = self._on_camera_clock(sensor.name, sensor.stream)
-                changed |= self.biases.learn(sensor.name, in_step, sensor.mounting, self.turns)
+                changed |= self.biases.learn(
+                    sensor.name, self._resting(sensor.name), sensor.mounting, self.turns
+                )
         if changed:
             self._apply_corrections()
             self._forget_experience(self.biases.known.keys() - before)
         return changed
+
+    def _resting(self, name: str) -> RatesAtRest:
+        """Rates by the rests so far, computed once for each: most keyframes are none."""
+        known = self._at_rest.get(name)
+        if known is None or known.rests != len(self.biases.rests):
+            known = self._at_rest[name] = RatesAtRest.of(self._in_step[name], self.biases.rests)
+        return known
 
     def find_drifts(self) -> None:
         """Find gyroscopes whose bias changes, by all pairs of images of the run."""
@@ -291,12 +299,15 @@ class SensorSuite:
 
     def _apply_corrections(self) -> None:
         """Make the sensors those given, with their clocks set, and without spikes and biases of rates."""
+        stamped = [sensor for sensor in self.given if isinstance(sensor, STAMPED)]
+        self._in_step = {s.name: self._on_camera_clock(s.name, s.stream) for s in stamped}
+        self._at_rest: dict[str, RatesAtRest] = {}
         self.sensors = tuple(map(self._corrected, self.given))
 
     def _corrected(self, sensor: MotionSensor) -> MotionSensor:
         if not (has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)):
             return sensor
-        in_step = replace(sensor, stream=self._on_camera_clock(sensor.name, sensor.stream))
+        in_step = replace(sensor, stream=self._in_step[sensor.name])
         bias = self.biases.known.get(sensor.name)
         return _without_bias(in_step, bias) if bias is not None and has_rates(in_step) else in_step
 

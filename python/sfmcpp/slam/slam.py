@@ -230,7 +230,7 @@ class Slam:
         if not times:
             require_finite(f"frame {frame.number}: t_s", frame.t_s)
             return
-        last = max(times)
+        last = next(reversed(times))
         if frame.number <= last:
             raise InvalidArgument(f"frame.number = {frame.number}: must be above {last}, the last")
         if not frame.t_s > times[last]:
@@ -295,7 +295,7 @@ class Slam:
     def _add_keyframes_of_gap(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
         """Keyframes on both sides of a gap, so that points come from what they share."""
         if self._world.keyframes[-1].frame != last.number:
-            self._add_keyframe(last, self.result.poses[last.number], clock)
+            self._add_keyframe(last, self.result.path.pose_of(last.number), clock)
         self._add_keyframe(frame, step.pose, clock)
 
     def _start_again(self, frame: Frame, initialiser: Initialiser) -> None:

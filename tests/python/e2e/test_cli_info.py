@@ -10,6 +10,7 @@ import pytest
 import sfmcpp
 from cli_helpers import is_one_error_line, noisy_circle, run_here
 from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.sources.io import sensor_csv
 from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.sources.synthetic import vehicle_drive
@@ -173,3 +174,17 @@ def test_a_folder_of_folders_says_where_the_images_are(tmp_path: Path) -> None:
     result = run_here("info", tmp_path / "drive")
     assert is_one_error_line(result)
     assert f"nor does it hold images: did you mean {tmp_path / 'drive' / 'left'}?" in result.stderr
+
+
+def test_tracks_are_not_tried_as_a_sensor_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its cells as text would take gigabytes for tracks of an hour."""
+
+    def read(_: Path) -> None:
+        raise AssertionError("read as a sensor file")
+
+    monkeypatch.setattr(sensor_csv, "read_sensor_csv", read)
+    tracks = CameraTracks(
+        np.zeros(1), *np.zeros((2, 1), np.int32), np.ones((1, 2)), np.array([500.0, 1, 0, 0, 0])
+    )
+    write_tracks(tracks, tmp_path / "tracks.csv")
+    assert facts(tmp_path / "tracks.csv")["format"] == "tracks of a calibrated camera"

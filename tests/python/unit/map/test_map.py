@@ -371,3 +371,13 @@ def test_what_is_free_of_a_new_camera_is_what_is_free_of_a_problem(model: str) -
     world, problem = Map(model), circle_scene(3, 20, camera_model=model)
     world.add_cameras(problem.intrinsics)
     np.testing.assert_array_equal(world.fixed_intrinsics, problem.fixed_intrinsics)
+
+
+def test_points_to_triangulate_are_not_looked_for_in_the_whole_map(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, _ = random_maps(0)
+
+    def looked(_: Map) -> None:
+        raise AssertionError("looks at all points")
+
+    monkeypatch.setattr(Map, "known", property(looked))
+    assert len(world.untriangulated(np.flatnonzero(world.registered)[-2:]).images) == 2

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import so3
 from sfmcpp.model.sensor_stream import SENSOR_KINDS, Gap
 from sfmcpp.sensors import (
     SensorStream,
@@ -14,7 +15,7 @@ from sfmcpp.sensors import (
     measured_at,
     travelled_distance,
 )
-from sfmcpp.sensors.stream import local_medians
+from sfmcpp.sensors.stream import interpolate_rotations, local_medians
 
 T = np.arange(0.0, 2.01, 0.1)
 
@@ -249,3 +250,36 @@ def test_stamps_in_nanoseconds_raise_no_warning_of_numpy() -> None:
 def test_a_gap_from_a_little_before_zero_begins_at_zero() -> None:
     assert str(Gap(-1e-9, 0.05)) == "0.050 s from 0.000 to 0.050 s"
     assert str(Gap(-0.5, 1.0)) == "1.500 s from -0.500 to 1.000 s"
+
+
+def test_a_long_stream_is_searched_for_gaps_once() -> None:
+    stream = speeds(without(0.5, 1.5))
+    assert stream.gaps() is stream.gaps()
+    assert speeds().extended([2.1], [10.0]).gaps() == ()
+
+
+@pytest.mark.parametrize("kind", ["orientation", "pose"])
+def test_only_the_samples_beside_a_time_are_looked_at(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    values = np.random.default_rng(0).uniform(-1, 1, (len(T), 3 if kind == "orientation" else 6))
+    stream, rows = SensorStream(T, values, kind), []
+    exact = so3.exp
+
+    def noted(vectors: np.ndarray) -> np.ndarray:
+        rows.append(len(vectors))
+        return exact(vectors)
+
+    monkeypatch.setattr(so3, "exp", noted)
+    found = measured_at(stream, np.array([0.73]))
+    assert max(rows) == 1
+    monkeypatch.undo()
+    between = interpolate_rotations(T, so3.exp(values[:, -3:]), np.array([0.73]))
+    np.testing.assert_array_equal(found[:, -3:], so3.log(between))
+
+
+def test_many_gaps_are_told_in_one_sentence() -> None:
+    t_s = 2.0 * np.arange(40)[:, None] + np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    (told,) = describe_gaps([speeds(t_s.ravel())])
+    assert told == (
+        "stream 'wheel': 39 gaps longer than 0.500 s, 58.5 s together, first 1.500 s from 0.500 to 2.000 s: "
+        "no measurements in them"
+    )

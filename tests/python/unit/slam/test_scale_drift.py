@@ -139,3 +139,8 @@ def test_a_drive_with_few_tracks_holds_its_scale_worse() -> None:
         assert (np.diff(sigmas) >= 0).all()
         ends.append(sigmas[-1])
     assert 0 < 2 * ends[0] < ends[1]
+
+
+def test_the_warning_of_a_long_run_names_a_few_stretches() -> None:
+    (told,) = warn_of_scale(result_of(*((100 * k, 0.3) for k in range(1, 60))))
+    assert "at frames 100, 200, 300, 400, 500, 600, 700, 800 and in 40 more stretches; an odometer" in told

@@ -21,6 +21,7 @@ from sfmcpp.slam import (
     Gyroscope,
     MotionSensor,
     Odometer,
+    Slam,
     SlamResult,
     SlamSettings,
     TrackSequence,
@@ -212,3 +213,13 @@ def test_only_named_classes_are_made() -> None:
         unflatten(flatten(View(np.arange(3, dtype=np.int32), np.ones((3, 2)))), [Frame])
     with pytest.raises(InvalidArgument, match="hold no such object"):
         unflatten({"tree": np.frombuffer(b'["array", "float64", 0, [9], "C"]', np.uint8)}, [])
+
+
+def test_a_run_without_a_folder_is_not_asked_for_its_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that was learnt so far is copied for it: after an hour more than a frame changes."""
+    source, sensors = RUNS["winding"]()
+    asked = []
+    state = Slam.state
+    monkeypatch.setattr(Slam, "state", lambda self: (asked.append(1), state(self))[1])
+    run_slam(source, SETTINGS, sensors, lambda frame, _: frame < 5)
+    assert len(asked) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfmcpp.model import SensorStream
+from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.frames import Frame, View
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, TrackSequence, run_slam
+from sfmcpp.sensors import RateBias
+from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, TrackSequence, rate_biases, run_slam
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.standstill import Standstill, stands_still
 from slam_helpers import INTRINSICS, STEP_S, project
@@ -128,3 +130,26 @@ def test_a_body_that_an_odometer_moves_does_not_rest() -> None:
         for frame in list(drive.sequence)[: PAUSE + 5]:
             suite.rests_before(frame)
         assert len(suite.biases.rests) == rests
+
+
+def test_rests_are_looked_at_again_only_after_another(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not at each keyframe: a drive of an hour has stopped fifty times, and has as many samples as frames."""
+    looks = []
+    known = rate_biases.bias_at_rest
+
+    def noted(stream: SensorStream, rests: Sequence[Gap]) -> RateBias | None:
+        looks.append(len(rests))
+        return known(stream, rests)
+
+    monkeypatch.setattr(rate_biases, "bias_at_rest", noted)
+    t_s = 0.01 * np.arange(1000)
+    rates = SensorStream(t_s, np.tile(BIAS_RAD_S, (1000, 1)), "angular_rate")
+    suite = SensorSuite([Gyroscope(rates, AT_CAMERA)])
+    for keyframe in range(5):
+        suite.remove_biases([], float(keyframe))
+    assert looks == [0]
+    suite.biases.rests.append(Gap(1.0, 3.0))
+    for keyframe in range(5, 10):
+        suite.remove_biases([], float(keyframe))
+    assert looks == [0, 1, 1]  # once more for the rates without what it has found
+    np.testing.assert_allclose(suite.biases.known["gyro"].rates_rad_s[0], BIAS_RAD_S)
