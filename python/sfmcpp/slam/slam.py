@@ -19,6 +19,7 @@ from sfmcpp.model.frames import Frame, View, checked_view, common
 from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_latest_frame
 from sfmcpp.slam.bridging import Follower, Step, rejoin
 from sfmcpp.slam.calibration import calibrate, calibrate_at_rest
+from sfmcpp.slam.camera_check import warn_of_camera
 from sfmcpp.slam.check_positions import check_positions
 from sfmcpp.slam.checkpoints import State
 from sfmcpp.slam.corrected_sensors import corrected_in_hindsight
@@ -211,6 +212,7 @@ class Slam:
         self.result.warnings += check_odometers(self.result, self._sensors, self.settings)
         self.result.warnings += warn_of_scale(self.result)
         self.result.warnings += warn_of_still_tracks(self.result.world)
+        self.result.warnings += warn_of_camera(self.result.world, self.settings)
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""

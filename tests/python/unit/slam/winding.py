@@ -81,28 +81,42 @@ def length(path: np.ndarray) -> float:
 @cache
 def winding(sigma_px: float = 1.0, seed: int = 0) -> Winding:
     """Drive past points on both sides; each is seen within thirty metres, so that the map drifts."""
-    rng = np.random.default_rng(seed)
     t_s = STEP_S * np.arange(FRAMES)
     truth = poses(t_s)
-    beside = truth[rng.integers(FRAMES, size=_POINTS), :, 3] + np.column_stack(
+    rng = np.random.default_rng(seed)
+    sequence = sequence_along(truth, beside(truth, rng), sigma_px, rng)
+    ticks = np.arange(0.0, t_s[-1] + SENSOR_S, SENSOR_S)
+    turning = yaw_rate(ticks)[:, None] * [0.0, 1.0, 0.0]
+    return Winding(
+        sequence,
+        truth,
+        SensorStream(ticks, speed(ticks), "speed", "odometer"),
+        SensorStream(ticks, turning, "angular_rate", "gyro"),
+    )
+
+
+def beside(way: np.ndarray, rng: np.random.Generator | None = None) -> np.ndarray:
+    """Points (n, 3) on both sides of a way of poses (k, 3, 4)."""
+    rng = rng or np.random.default_rng(0)
+    return way[rng.integers(len(way), size=_POINTS), :, 3] + np.column_stack(
         [
             rng.uniform(3, 12, _POINTS) * rng.choice([-1, 1], _POINTS),
             rng.uniform(-4, 1.5, _POINTS),
             rng.uniform(5, 25, _POINTS),
         ]
     )
-    seen = [_sees(pose, beside) for pose in truth]
+
+
+def sequence_along(
+    way: np.ndarray, points: np.ndarray, sigma_px: float, rng: np.random.Generator | None = None
+) -> TrackSequence:
+    """What a camera on a way of poses (k, 3, 4), a frame every tenth of a second, sees of near points."""
+    rng = rng or np.random.default_rng(0)
+    seen = [_sees(pose, points) for pose in way]
     frames = np.concatenate([np.full(len(tracks), k) for k, tracks in enumerate(seen)])
-    pixels = np.concatenate([project(pose, beside[tracks]) for pose, tracks in zip(truth, seen, strict=True)])
+    pixels = np.concatenate([project(pose, points[tracks]) for pose, tracks in zip(way, seen, strict=True)])
     noisy = pixels + rng.normal(0, sigma_px, pixels.shape)
-    ticks = np.arange(0.0, t_s[-1] + SENSOR_S, SENSOR_S)
-    turning = yaw_rate(ticks)[:, None] * [0.0, 1.0, 0.0]
-    return Winding(
-        TrackSequence(t_s, frames, np.concatenate(seen), noisy, INTRINSICS),
-        truth,
-        SensorStream(ticks, speed(ticks), "speed", "odometer"),
-        SensorStream(ticks, turning, "angular_rate", "gyro"),
-    )
+    return TrackSequence(STEP_S * np.arange(len(way)), frames, np.concatenate(seen), noisy, INTRINSICS)
 
 
 def without(stream: SensorStream, *gaps: tuple[float, float]) -> SensorStream:
