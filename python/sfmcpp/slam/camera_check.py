@@ -30,7 +30,7 @@ _LEAST_FALL = 2.0
 _LEAST = 0.02
 # A map of fewer keyframes tells nothing.
 _FEWEST_KEYFRAMES = 5
-_MOST_STEPS = 50
+_MOST_STEPS, _TOLERANCE = 50, 1e-6
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,9 @@ def freed_intrinsics(world: WorldMap, settings: SlamSettings) -> dict[str, Freed
     if problem.num_cameras < _FEWEST_KEYFRAMES or not problem.num_observations:
         return {}
     try:
-        held = _adjusted(_with_free(problem))
-        return {name: _freed(problem, name, held) for name in ("f", "k1")}
+        held = _with_free(problem)
+        cost = _adjusted(held)
+        return {name: _freed(held, name, cost) for name in ("f", "k1")}
     except InvalidArgument:  # as where a map has collapsed
         return {}
 
@@ -121,7 +122,9 @@ def _freed(problem: Problem, name: str, held: float) -> FreedIntrinsic:
 def _adjusted(problem: Problem) -> float:
     """Adjust, and return the cost."""
     loss, scale_px = ROBUST_LOSS
-    options = SolveOptions(loss=loss, loss_scale_px=scale_px, max_iterations=_MOST_STEPS)
+    options = SolveOptions(
+        loss=loss, loss_scale_px=scale_px, max_iterations=_MOST_STEPS, function_tolerance=_TOLERANCE
+    )
     return adjust(problem, [], options).require_uninterrupted().final_cost
 
 

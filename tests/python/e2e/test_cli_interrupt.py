@@ -54,11 +54,18 @@ def long_problem(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def _with_hangups() -> None:
+    """As at a terminal, though the tests may be run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def interrupt_after_the_first_step(arguments: list[str | Path], *by: signal.Signals) -> tuple[int, str]:
     """Exit code, and all that was shown on a terminal, of a solve interrupted once it runs."""
     ours, theirs = pty.openpty()
     command = [*COMMAND, "solve", *map(str, arguments), *ENDLESS, "--max-iterations", "100000"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=theirs, preexec_fn=_with_hangups
+    ) as process:
         os.close(theirs)
         shown, interrupted, deadline = b"", False, time.monotonic() + TIMEOUT_S
         while (more := read_terminal(ours)) and time.monotonic() < deadline:
