@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp import _core
 from sfmcpp.ba.arrays import chosen_numbers, core_arrays, core_constraints, with_own_fields
@@ -62,7 +62,7 @@ class LinearModel:
     options : SolveOptions
         Of these, the loss, the gauge ("auto" is "free") and the threads matter.
     ridge : float
-        Share of its diagonal that is added to H where it is inverted.
+        Share of its diagonal added to H where it is inverted.
 
     Attributes
     ----------
@@ -141,11 +141,9 @@ class LinearModel:
         Returns
         -------
         (M, 2, D) float64, (M, 2, 3) float64
-            Derivatives by pose and free intrinsics of the camera, in the columns of :attr:`camera_columns`,
-            and by the point; zero where a parameter has no column.
+            By the columns of :attr:`camera_columns`, and by the point; zero where there is no column.
         """
-        by_camera, by_point = self._core.jacobian()
-        return by_camera, by_point
+        return self._core.jacobian()
 
     def jacobian(self) -> csr_matrix:
         """(2 M, columns) Jacobian ∂r/∂δ of the residuals times √ρ′, two rows of each in turn, SciPy CSR."""
@@ -173,8 +171,7 @@ class LinearModel:
     def reduced_system(self, damping: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """Eliminate the points of the damped normal equations ``(H + λ diag H) δ = −gradient``.
 
-        The Schur complement of the note, §3, for solvers of one's own; points follow from
-        ``H_pp δ_p = −g_p − H_pc δ_c``.
+        The Schur complement of the note, §3; points follow from ``H_pp δ_p = −g_p − H_pc δ_c``.
 
         Parameters
         ----------
@@ -191,8 +188,7 @@ class LinearModel:
         Raises
         ------
         InvalidArgument
-            If `damping` is negative, or a point's block is singular to working accuracy, as of a point that
-            one camera sees.
+            If `damping` is negative, or a point's block is singular, as of a point that one camera sees.
         """
         require_not_negative("damping", damping)
         points = np.flatnonzero(self.point_columns >= 0)
@@ -263,15 +259,14 @@ class LinearModel:
         """
         chosen_cameras = chosen_numbers("cameras", cameras, len(self.camera_columns))
         chosen_points = chosen_numbers("points", points, len(self.point_columns))
-        of_cameras = self.camera_columns[chosen_cameras]
-        first = self.point_columns[chosen_points, None]
+        of_cameras, first = self.camera_columns[chosen_cameras], self.point_columns[chosen_points, None]
         of_points = np.where(first < 0, -1, first + np.arange(3)).astype(np.int32)
         together = None
         if joint:
             columns = np.concatenate([of_cameras.ravel(), of_points.ravel()])
             places = np.flatnonzero(columns >= 0)
             together = np.zeros((len(columns), len(columns)))
-            together[np.ix_(places, places)] = self._core.covariance(columns[places].tolist())
+            together[np.ix_(places, places)] = self.covariance_of_columns(columns[places])
         found = Covariance(
             self._core.covariance_blocks(of_cameras), self._core.covariance_blocks(of_points), together
         )
@@ -279,6 +274,11 @@ class LinearModel:
             return found
         by_sensor = None if self._by_sensor is None else self._by_sensor[chosen_cameras]
         return moved_to_cameras(found, self._by_frame[chosen_cameras], by_sensor)
+
+    @with_camera_names
+    def covariance_of_columns(self, columns: NDArray[np.integer]) -> FloatArray:
+        """(c, c) covariances of some columns, in their order; raises as :meth:`covariance`."""
+        return self._core.covariance(columns.tolist())
 
     @with_camera_names
     def leverages(self) -> FloatArray:

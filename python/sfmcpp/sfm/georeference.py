@@ -40,7 +40,6 @@ from sfmcpp.sfm.position_checks import (
     undecidable_positions,
     warnings_of_all,
 )
-from sfmcpp.sfm.position_weight import adjust_with_positions
 from sfmcpp.sfm.positions import Positions, local_positions, require_enough_of_model, require_no_line
 from sfmcpp.sfm.result import GpsOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -255,7 +254,6 @@ class _Georeferencing:
         """Adjust with the positions that agree, until these are the same as before."""
         problem, images = self._problem, self._images
         metres, weights = self._stated.metres, self._stated.member_weights
-        sigma_m = None
         good = agreeing_pairs(problem.centres[images], metres, seed=self._seed)
         good |= undecidable_positions(problem.centres[images], metres, weights, good)
         for _ in range(_ROUNDS):
@@ -272,9 +270,9 @@ class _Georeferencing:
                 name="gps",
             )
             limited = limit.of(options)
-            sigma_m, redundancy, loss_scale_px = adjust_with_positions(
-                problem, group, sigma_m, limited, loss_scale_px
-            )
+            summary = solve(problem, constraints=[group], weight="auto", **limited).require_uninterrupted()
+            found, loss_scale_px = summary.group_weights[0], summary.loss_scale_px
+            sigma_m, redundancy = found.sensor_sigma, found.redundancy or 0.0
             apart = problem.centres[images] - metres
             misses = np.linalg.norm(apart * np.sqrt(weights), axis=1)
             agrees = misses <= outlier_sigmas(redundancy) * np.sqrt(3) * sigma_m

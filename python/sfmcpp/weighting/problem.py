@@ -205,11 +205,7 @@ class _Selection:
 
     def _require_redundancy(self, at: FitStatistics) -> None:
         """Refuse a group without redundancy, which the fit follows at any weight."""
-        if self._together:
-            at.require_small()
-        if at.too_large:
-            return
-        for k in self._methods:
+        for k in self._together if at.too_large else self._methods:
             left = at.redundancy.groups[k]
             if left < _LEAST_REDUNDANCY:
                 raise InvalidArgument(
@@ -247,5 +243,10 @@ class _Selection:
             sensor_sigma=sigma_of_weight(unit, weight, at.image_sigma),
             unit=unit.name,
             conflict=member_conflict(group.name, unit, at.linear.groups[k].member, at.errors[k], at.hats[k]),
-            redundancy=None if at.too_large else float(at.redundancy.groups[k]),
+            redundancy=self._redundancy(k, at),
         )
+
+    def _redundancy(self, k: int, at: FitStatistics) -> float | None:
+        """Not estimated where only a sweep would need it."""
+        is_known = k in self._together or not at.too_large
+        return float(at.redundancy.groups[k]) if is_known else None

@@ -66,11 +66,12 @@ def solve(
         given that weight.
 
         - "variance", and "auto" with it: restricted likelihood (variance components), several groups
-          together; for up to 4000 free parameters of cameras. A prior proportional to σ keeps it from zero:
-          σ² = Σ e² / (r − 1), larger than the restricted maximum's Σ e² / r, with r the redundancy. With
-          normal sensor noise it recovers the standard deviation to a fraction of 1 / √(2r), if r is not
-          small. The choice and the solve together cost two to three and a half times the solve alone (BAL
-          problem-49, and a scene of 15,000 observations solved in 10 ms).
+          together. A prior proportional to σ keeps it from zero: σ² = Σ e² / (r − 1), larger than the
+          restricted maximum's Σ e² / r, with r the redundancy; above 4000 free parameters of cameras sixty
+          members of a group stand for that of all. With normal sensor noise it recovers the standard
+          deviation to a fraction of 1 / √(2r), if r is not small. The choice and the solve together cost two
+          to three and a half times the solve alone (BAL problem-49, and a scene of 15,000 observations
+          solved in 10 ms).
         - "loo-approx": leave-one-out cross-validation of the observations, in closed form, over 21 weights:
           the mean of Tukey's loss, with 4.7 times the noise of the images alone as its scale, of the errors
           with which all others predict each observation of a point with three views or more.

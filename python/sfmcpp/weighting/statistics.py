@@ -24,12 +24,17 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.weighting.fits import LEAST_NOISE, WeightFit, WeightFits, squared_residuals
 
+# Above so many free parameters of cameras hat matrices are not formed; some members stand for all.
 MAX_COLUMNS = 4000
+_SAMPLED_MEMBERS = 60
 # The linear model at one optimum is used for weights up to this factor above or below its own.
 _REACH = 100.0
 _FACTORS = np.geomspace(1 / _REACH, _REACH, 401)
 # A prior proportional to a standard deviation counts as one measurement less.
 _PRIOR = 1
+# Least redundancy of a group that counts, of a too large problem.
+_LEAST_REDUNDANCY = 1e-3
+_TINY = float(np.finfo(float).tiny)
 # Errors of rotation matrices and of images have more rows than degrees of freedom; the eigenvalues of the hat
 # matrix for the surplus rows are zero up to rounding, which is below this.
 _LEAST_SHARE = 1e-12
@@ -68,7 +73,8 @@ def redundancy_of_images(model: LinearModel) -> int:
 class FitStatistics:
     """Statistics of the linear model at a state near the optimum, taken at the model's own minimum.
 
-    Where the cameras have more than `MAX_COLUMNS` free parameters, only the errors are available.
+    Where the cameras have more than `MAX_COLUMNS` free parameters, it is taken at the state itself, and hat
+    matrices are known by their traces alone, estimated from some members.
 
     Parameters
     ----------
@@ -106,7 +112,7 @@ class FitStatistics:
         if self.too_large:
             raise InvalidArgument(
                 f"problem: {self.linear.num_camera_columns} free parameters of cameras, must be at most "
-                f"{MAX_COLUMNS} for a weight chosen by 'variance' or 'loo-approx'"
+                f"{MAX_COLUMNS} for a weight chosen by 'loo-approx'"
             )
 
     @cached_property
@@ -132,10 +138,27 @@ class FitStatistics:
     @cached_property
     def redundancy(self) -> Redundancy:
         """Of the images and of each group."""
-        used = np.array([float(np.trace(hat)) for hat in self.hats])
+        used = np.array([self._used(k) for k in range(len(self.weights))])
         measured = np.array([self._fits.measurements(k) for k in range(len(used))])
+        if self.too_large:
+            return Redundancy(redundancy_of_images(self.linear), measured - used)
         images = 2 * len(self.linear.residuals) - (self.linear.num_determined - used.sum())
         return Redundancy(images, measured - used)
+
+    def _used(self, k: int) -> float:
+        """How many numbers of a group the fit uses up: the trace of its hat matrix."""
+        if not self.too_large:
+            return float(np.trace(self.hats[k]))
+        rows = self.linear.groups[k]
+        members = np.unique(rows.member)
+        some = members[np.unique(np.linspace(0, len(members) - 1, _SAMPLED_MEMBERS).astype(np.intp))]
+        derivatives = rows.jacobian()[np.isin(rows.member, some)]
+        columns = np.unique(derivatives.indices)
+        if not len(columns):
+            return 0.0
+        derivatives = derivatives[:, columns].toarray()
+        products = derivatives @ self.linear.covariance_of_columns(columns) * derivatives
+        return float(self.weights[k] * products.sum()) * len(members) / len(some)
 
     @cached_property
     def squared(self) -> FloatArray:
@@ -175,7 +198,8 @@ class FitStatistics:
         likelihood (Patterson and Thompson 1971) is ``(V + τ E) / s² + log det H − n log τ``. Where it is
         smallest, ``τ E / s²`` equals the redundancy: Helmert's estimate. With a small redundancy that may be
         at σ = 0, which a prior proportional to σ excludes (Chung et al., "A nondegenerate penalized
-        likelihood estimator for variance parameters in multilevel models", 2013).
+        likelihood estimator for variance parameters in multilevel models", 2013). Of too large problems it
+        is Helmert's estimate with the redundancy at w.
 
         Parameters
         ----------
@@ -187,6 +211,10 @@ class FitStatistics:
         float
             τ, between 1/100 and 100.
         """
+        if self.too_large:
+            left = max(self.redundancy.groups[k] - _PRIOR, _LEAST_REDUNDANCY)
+            own = self.weights[k] * float(self.errors[k] @ self.errors[k])
+            return float(np.clip(left * self.image_sigma**2 / max(own, _TINY), 1 / _REACH, _REACH))
         share, vectors = self.linear.hat_spectrum(k)
         share = np.clip(np.where(share < _LEAST_SHARE, 0.0, share), 0.0, 1.0)
         errors = math.sqrt(self.weights[k]) * (vectors.T @ self.errors[k])

@@ -43,7 +43,8 @@ class VarianceSearch:
 
     def __init__(self, fits: WeightFits, start: FitStatistics, chosen: Sequence[int]) -> None:
         self._fits, self._chosen = fits, list(chosen)
-        self._steps = True  # whether all steps so far have decreased the cost as predicted
+        # Whether all steps so far have decreased the cost as predicted; too large problems take none.
+        self._steps = not start.too_large
         self._visited = [self._at_optimum(start)]
 
     @property

@@ -195,8 +195,8 @@ def test_of_a_large_problem_sigma_is_found_too(monkeypatch: pytest.MonkeyPatch, 
     small, large = in_a_frame_of_its_own(truth, 3), in_a_frame_of_its_own(truth, 3)
     known = {"sigmas_m": sigmas / 2} if stated else {}
     wanted = georeference(small, gps, **known)
-    monkeypatch.setattr("sfmcpp.sfm.position_weight.MAX_COLUMNS", 239)
-    monkeypatch.setattr("sfmcpp.sfm.position_weight._SAMPLED", 20)  # of 40
+    monkeypatch.setattr("sfmcpp.weighting.statistics.MAX_COLUMNS", 239)
+    monkeypatch.setattr("sfmcpp.weighting.statistics._SAMPLED_MEMBERS", 20)  # of 40
     found = georeference(large, gps, **known)
     assert found.outcome.outliers == wanted.outcome.outliers == ["7"]
     assert found.outcome.sigma_m == pytest.approx(wanted.outcome.sigma_m, rel=0.02)
