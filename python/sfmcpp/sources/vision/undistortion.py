@@ -24,6 +24,7 @@ from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import no_progress, results_in_order, thread_count
 from sfmcpp.sources.io.api import write
 from sfmcpp.sources.io.atomic import atomic_files
+from sfmcpp.sources.io.colmap import FILE_NAMES
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.intrinsics import as_perspective
 from sfmcpp.sources.vision.images import load_cv2, one_opencv_thread
@@ -205,7 +206,8 @@ def undistort_photos(
         Folder of the photos.
     folder : path-like
         Gets ``images/``, with the names of the photos, and ``sparse/0``, a binary COLMAP model with PINHOLE
-        cameras: the layout that programs for Gaussian splatting read.
+        cameras: the layout that programs for Gaussian splatting read. The model comes last: as long as
+        there is none, images may be missing.
     threads : int, optional
         Default: as many as the process may use.
     progress : callable, optional
@@ -238,11 +240,14 @@ def undistort_photos(
         )
         _write_image(image, target / IMAGES / photo.name)
 
+    model = target / MODEL
+    with failures_named(model):
+        for name in FILE_NAMES:  # of an earlier run, whose images are replaced
+            (model / name).unlink(missing_ok=True)
     with one_opencv_thread():
         numbers = range(len(chosen))
         results_in_order(written, numbers, thread_count(threads), stage="photos", progress=progress)
     result = undistorted_problem(problem, cameras)
-    model = target / MODEL
     with failures_named(model):
         model.mkdir(parents=True, exist_ok=True)
     write(result, model, format="colmap-binary")
@@ -253,7 +258,8 @@ def _photos_of(problem: Problem, folder: Path) -> list[Photo]:
     """The photo of each camera, of the size that the model says."""
     names, sizes = problem.metadata.image_names, problem.metadata.image_sizes
     if len(names) != problem.num_cameras:
-        raise InvalidArgument(f"problem: {len(names)} names of photos for {problem.num_cameras} cameras")
+        counts = f"{len(names)} names of photos for {problem.num_cameras} cameras"
+        raise InvalidArgument(f"problem: {counts}: must be one for each (metadata.image_names)")
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidArgument(f"problem: two cameras have the photo {twice!r}: must be one each")

@@ -156,3 +156,12 @@ def test_what_cannot_be_is_refused_by_name(photos: Path, tmp_path: Path) -> None
     with pytest.raises(InvalidArgument, match="camera_model = 'bal'"):
         undistorted_cameras(bal, np.tile(np.array(SIZE), (4, 1)))
     assert not out.exists()
+
+
+def test_a_run_that_is_stopped_leaves_no_model_of_an_earlier_one(photos: Path, tmp_path: Path) -> None:
+    undistort_photos(model(BARREL), photos, tmp_path / "out")
+    with pytest.raises(KeyboardInterrupt):
+        undistort_photos(
+            model(PINCUSHION), photos, tmp_path / "out", progress=lambda stage, done, total: done > 0
+        )
+    assert list((tmp_path / "out/sparse/0").iterdir()) == []
