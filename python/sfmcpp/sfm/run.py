@@ -331,7 +331,7 @@ def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -
 
 
 def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _Run, *, needed: bool) -> None:
-    """Georeference the largest model; positions that were not asked for may prove useless.
+    """Georeference the largest model; positions may prove useless, which costs nothing else of the run.
 
     They count in what determines focal lengths.
     """
@@ -348,9 +348,9 @@ def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _R
             warnings = settle_focals_by_positions(world, cameras, run.settings, adjust)
             world.update_errors()
     except InvalidArgument as error:
-        if needed:
-            raise
-        found.warnings.append(f"positions that the files tell are not used: {error}")
+        found.gps_failure = str(error) if needed else ""
+        told = "were given" if needed else "the files tell"
+        found.warnings.append(f"positions that {told} are not used: {error}")
         return
     found.gps = outcome
     found.warnings += [*warnings, *(outcome.warnings if outcome else [])]
