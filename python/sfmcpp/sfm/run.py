@@ -296,9 +296,9 @@ def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
 
 def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Cameras:
     """Estimate unknown focal lengths from the fundamental matrices of their images."""
-    intrinsics = cameras.intrinsics.copy()
-    for camera in np.flatnonzero(cameras.guessed):
-        of_camera, size = cameras.of_image == camera, cameras.sizes[camera]
+    intrinsics, by_camera = cameras.intrinsics.copy(), graph.pairs_by_camera(cameras.of_image)
+    for camera in np.flatnonzero(cameras.guessed).tolist():
+        size = cameras.sizes[camera]
         # The focal length is sought for a principal point at the centre; a database may tell another.
         to_centre = size / 2 - intrinsics[camera, 2:4]
         pairs = [
@@ -306,8 +306,8 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
                 graph.features[p.first].pixels[p.verified[:, 0]] + to_centre,
                 graph.features[p.second].pixels[p.verified[:, 1]] + to_centre,
             )
-            for p in graph.pairs
-            if of_camera[p.first] and of_camera[p.second] and p.geometry.kind == "general"
+            for p in (graph.pairs[number] for number in by_camera[camera])
+            if p.geometry.kind == "general"
         ]
         (width, height), seed = size.tolist(), run.settings.seed
         found = focal_from_pairs(pairs, (width, height), seed=seed) if pairs else None
