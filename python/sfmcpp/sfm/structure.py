@@ -203,6 +203,8 @@ class Structure:
     def join_tracks(self, pairs: NDArray[np.integer]) -> int:
         """Let tracks (p, 2) be one, each second one becoming part of the first; how many there are fewer."""
         world = self.world
+        if not len(pairs):  # all keypoints would be gone through for nothing
+            return 0
         same = np.arange(len(world.points), dtype=np.int32)
         for kept, gone in pairs.tolist():
             a, b = int(same[kept]), int(same[gone])
