@@ -7,8 +7,9 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from sfmcpp.cli.console import ExitCode, print_no_result, print_note, print_result
+from sfmcpp.cli.console import ExitCode, print_error, print_no_result, print_note, print_result
 from sfmcpp.cli.display import shown_stages
+from sfmcpp.cli.flags import with_flags
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.targets import Targets, require_results_folder, writable_folder
@@ -93,7 +94,7 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
             if not (quiet or warning.startswith(NO_MODEL)):  # that is in the verdict
                 print_note(f"warning: {warning}")
         return print_no_result(f"{source}: {report.verdict()}; {more}")
-    if targets.positions is not None:
+    if targets.positions is not None and not run.gps_failure:
         write_camera_positions(targets.positions, run.problem(), run.gps)
         written.append(targets.positions)
     if not quiet:
@@ -102,6 +103,9 @@ def _finish(report: SfmReport, source: Path, folder: Path, targets: Targets, qui
         images = f"{run.num_registered:,} of {len(run.images):,} images"
         print_note(f"interrupted with {images} in the model, written to {folder}; continue with --resume")
         return ExitCode.INTERRUPTED
+    if run.gps_failure:
+        why = with_flags(run.gps_failure, {"gps"})
+        return print_error(f"{why}; {folder} has the model, without positions")
     if report.is_partial and not quiet:
         print_note(f"warning: partial model: {report.verdict()}")
     return ExitCode.DONE

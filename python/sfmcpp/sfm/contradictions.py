@@ -64,12 +64,14 @@ def contradicting_pairs(graph: MatchGraph, world: Map, settings: IncrementalSett
     list of Pair
         Those with most matches first.
     """
+    inside = world.registered.tolist()
     found = [
         pair
         for pair in graph.pairs
-        if pair.geometry.kind in ("general", "planar")
+        if inside[pair.first]
+        and inside[pair.second]
+        and pair.geometry.kind in ("general", "planar")
         and np.count_nonzero(pair.geometry.inliers) >= _MANY
-        and world.registered[[pair.first, pair.second]].all()
         and np.mean(_errors_px(graph, world, pair) <= settings.outlier_px) < _AGREE
     ]
     return sorted(found, key=lambda pair: -len(pair.verified))

@@ -214,10 +214,9 @@ class Growth:
 
     def _candidates(self) -> NDArray[np.intp]:
         """Images without a pose that see enough points, those first that see most, and spread best."""
-        world, structure = self.world, self.structure
-        sees = structure.sees_known()
-        counts = structure.points_of_images(sees)
-        counts[world.registered] = 0
+        world, sightings = self.world, self.structure.sightings
+        sightings.update()
+        counts = np.where(world.registered, 0, sightings.counts)
         if np.count_nonzero(world.registered & self._elsewhere) >= self._settings.overlap_images:
             counts[self._elsewhere] = 0
         for image in np.flatnonzero(~world.registered):
@@ -230,14 +229,18 @@ class Growth:
                 f"it lost its points each of the {_MOST_LOSSES} times that it had a pose"
             )
         images = np.flatnonzero(counts >= self._settings.min_inliers)
-        scores = [self._coverage_score(int(image), sees) for image in images]
+        scores = [self._coverage_score(int(image)) for image in images]
         return np.asarray(images[np.argsort(-np.asarray(scores), kind="stable")])
 
-    def _coverage_score(self, image: int, sees: NDArray[np.bool_]) -> int:
+    def _coverage_score(self, image: int) -> int:
         """How much of an image the points that it sees cover; computed where these have changed."""
-        rows = self.world.keypoints_of([image])
-        seen = sees[rows]
+        sightings = self.structure.sightings
         before, score = self._scores.get(image, (b"", 0))
+        if not sightings.changed[image]:
+            return score
+        sightings.changed[image] = False
+        rows = self.world.keypoints_of([image])
+        seen = sightings.sees[rows]
         if (now := seen.tobytes()) != before:
             score = self._cells_with_points(image, rows[seen])
             self._scores[image] = now, score
@@ -257,8 +260,7 @@ class Growth:
         """Give an image a pose by resection from the points it sees, and what it adds to the model."""
         heed_stop()
         world = self.world
-        rows = world.keypoints_of([image])
-        rows = rows[self.structure.sees_known(rows)]
+        rows = self.structure.seeing_known(image)
         found = self._resection(rows, int(world.image_cameras[image]))
         if not found.success:
             self.reasons[image] = f"no pose explains the {len(rows)} points it sees: {found.message}"
@@ -329,8 +331,8 @@ class Growth:
 
     def _give_up_lost_images(self) -> None:
         """Take the pose from images that hardly see a point any more."""
-        world, structure = self.world, self.structure
-        counts = structure.points_of_images(structure.sees_known())
-        lost = world.registered & (counts < self._settings.min_inliers // 2)
+        world, sightings = self.world, self.structure.sightings
+        sightings.update()
+        lost = world.registered & (sightings.counts < self._settings.min_inliers // 2)
         world.poses[lost] = np.nan
         self._losses += lost

@@ -15,7 +15,8 @@ from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 
-# Models that are tried to start at most: photos of nothing fall into as many parts as there are.
+# Models that are started at most: photos of nothing fall into as many parts as there are, and each model has
+# room for all keypoints.
 _MODELS = 50
 # Points of both models agree if most are nearer than this part of the spread of the common ones.
 _MAX_DISTANCE = 0.02
@@ -58,14 +59,18 @@ def grow_models(scene: Scene, settings: IncrementalSettings, progress: Callable[
     Returns
     -------
     GrownModels
-        Models that overlap are joined. No model is thrown away but small ones beside a larger one.
+        Models that overlap are joined. No model is thrown away but small ones beside a larger one. Where more
+        could be started than there may be, the images left are told of.
     """
     grown, num_images = GrownModels(), len(scene.graph.photos)
     elsewhere = np.zeros(num_images, dtype=np.bool_)
-    while not grown.interrupted and len(grown.models) < _MODELS:
+    while not grown.interrupted:
         growth = Growth(scene, settings, elsewhere.copy())
         try:
             if not growth.start():
+                break
+            if len(grown.models) == _MODELS:
+                _tell_untried(grown, scene, elsewhere)
                 break
             growth.grow(stop_listener(progress, elsewhere))
         except KeyboardInterrupt:
@@ -78,6 +83,16 @@ def grow_models(scene: Scene, settings: IncrementalSettings, progress: Callable[
     grown.models.sort(key=lambda world: -int(np.count_nonzero(world.registered)))
     grown.models[1:] = [world for world in grown.models[1:] if _is_large_enough(world, settings)]
     return grown
+
+
+def _tell_untried(grown: GrownModels, scene: Scene, elsewhere: BoolArray) -> None:
+    """Say of images outside all models, (I,) `elsewhere`, that fit others of them why they are left out."""
+    fitting = [(p.first, p.second) for p in scene.graph.pairs if p.geometry.kind in ("general", "planar")]
+    left = sorted({image for pair in fitting if not elsewhere[[*pair]].any() for image in pair})
+    why = f"{_MODELS} models were started, which is the most; reconstruct these images by themselves"
+    grown.reasons.update(dict.fromkeys(left, why))
+    first = scene.graph.photos[left[0]].name
+    grown.warnings.append(f"{len(left)} images that fit others are in no model, first {first}: {why}")
 
 
 def stop_listener(progress: Callable[[int], bool], elsewhere: BoolArray) -> Callable[[Map], None]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.geometry import TwoViewGeometry
+from sfmcpp.model.arrays import IndexArray
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sources.io.colmap.database import DatabaseCamera
 
@@ -68,3 +70,12 @@ class MatchGraph:
     image_ids: list[int] | None = None
     cameras: list[DatabaseCamera] | None = None
     warnings: list[str] = field(default_factory=list)
+
+    def pairs_by_camera(self, of_image: IndexArray) -> defaultdict[int, list[int]]:
+        """Numbers of the pairs within each camera, by camera; `of_image` (I,) has that of each image."""
+        found: defaultdict[int, list[int]] = defaultdict(list)
+        cameras = of_image.tolist()
+        for number, pair in enumerate(self.pairs):
+            if cameras[pair.first] == cameras[pair.second]:
+                found[cameras[pair.first]].append(number)
+        return found

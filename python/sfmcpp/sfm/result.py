@@ -152,6 +152,9 @@ class SfmRun:
         None where no positions were used.
     interrupted : bool
         Whether it was ended before its time.
+    gps_failure : str
+        Why the models are not in the world of the positions that were asked for; empty if one is, or none
+        were.
     """
 
     source: str
@@ -163,6 +166,7 @@ class SfmRun:
     warnings: list[str] = field(default_factory=list)
     gps: GpsOutcome | None = None
     interrupted: bool = False
+    gps_failure: str = ""
 
     made_into: ClassVar[dict[str, str]] = {"Problem": "its method problem()"}
 

@@ -296,9 +296,9 @@ def _known_rows(cameras: Cameras) -> list[FloatArray | None]:
 
 def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Cameras:
     """Estimate unknown focal lengths from the fundamental matrices of their images."""
-    intrinsics = cameras.intrinsics.copy()
-    for camera in np.flatnonzero(cameras.guessed):
-        of_camera, size = cameras.of_image == camera, cameras.sizes[camera]
+    intrinsics, by_camera = cameras.intrinsics.copy(), graph.pairs_by_camera(cameras.of_image)
+    for camera in np.flatnonzero(cameras.guessed).tolist():
+        size = cameras.sizes[camera]
         # The focal length is sought for a principal point at the centre; a database may tell another.
         to_centre = size / 2 - intrinsics[camera, 2:4]
         pairs = [
@@ -306,8 +306,8 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
                 graph.features[p.first].pixels[p.verified[:, 0]] + to_centre,
                 graph.features[p.second].pixels[p.verified[:, 1]] + to_centre,
             )
-            for p in graph.pairs
-            if of_camera[p.first] and of_camera[p.second] and p.geometry.kind == "general"
+            for p in (graph.pairs[number] for number in by_camera[camera])
+            if p.geometry.kind == "general"
         ]
         (width, height), seed = size.tolist(), run.settings.seed
         found = focal_from_pairs(pairs, (width, height), seed=seed) if pairs else None
@@ -331,7 +331,7 @@ def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -
 
 
 def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _Run, *, needed: bool) -> None:
-    """Georeference the largest model; positions that were not asked for may prove useless.
+    """Georeference the largest model; positions may prove useless, which costs nothing else of the run.
 
     They count in what determines focal lengths.
     """
@@ -348,9 +348,9 @@ def _georeference(found: SfmRun, positions: Positions, cameras: Cameras, run: _R
             warnings = settle_focals_by_positions(world, cameras, run.settings, adjust)
             world.update_errors()
     except InvalidArgument as error:
-        if needed:
-            raise
-        found.warnings.append(f"positions that the files tell are not used: {error}")
+        found.gps_failure = str(error) if needed else ""
+        told = "were given" if needed else "the files tell"
+        found.warnings.append(f"positions that {told} are not used: {error}")
         return
     found.gps = outcome
     found.warnings += [*warnings, *(outcome.warnings if outcome else [])]

@@ -19,6 +19,51 @@ from sfmcpp.sfm.tracks import NO_TRACK, TrackMembers
 Numbers = NDArray[np.intp]
 
 
+class Sightings:
+    """Which keypoints see a point that has a position: kept up to date, as few of very many change at a time.
+
+    Parameters
+    ----------
+    world : Map
+        Images and keypoints stay; all else of it may change.
+
+    Attributes
+    ----------
+    sees : (K,) bool
+        Which keypoints they are, at the last :meth:`update`.
+    counts : (I,) int
+        How many each image has.
+    changed : (I,) bool
+        Images of which any has changed; set back by who takes notice.
+    """
+
+    def __init__(self, world: Map) -> None:
+        self._world = world
+        self._points = np.full(len(world.keypoint_points), NO_TRACK, dtype=np.int32)
+        self._known = np.zeros(len(world.points), dtype=np.bool_)
+        self.sees = np.zeros(len(self._points), dtype=np.bool_)
+        self.counts = np.zeros(world.num_images, dtype=np.intp)
+        self.changed = np.zeros(world.num_images, dtype=np.bool_)
+
+    def update(self) -> None:
+        """Look again at keypoints that see another point, and whose point has got or lost a position."""
+        world, known = self._world, self._world.known
+        others = np.flatnonzero(world.keypoint_points != self._points)
+        rows = np.union1d(others, world.observations_of(np.flatnonzero(known != self._known)))
+        self._points[others], self._known = world.keypoint_points[others], known
+        turned = rows[_see_known(world, rows) != self.sees[rows]]
+        self.sees[turned] ^= True
+        images = world.keypoint_images[turned]
+        np.add.at(self.counts, images, np.where(self.sees[turned], 1, -1))
+        self.changed[images] = True
+
+
+def _see_known(world: Map, rows: Numbers) -> BoolArray:
+    """Which keypoints `rows` (m,) see a point that has a position."""
+    points = world.keypoint_points[rows]
+    return np.asarray((points >= 0) & np.isfinite(world.points[points, 0]))
+
+
 class Structure:
     """Points of one map and the tracks they come from.
 
@@ -38,6 +83,8 @@ class Structure:
 
     Attributes
     ----------
+    sightings : Sightings
+        Which keypoints see known points.
     given_up : (K,) bool
         Keypoints whose track is not theirs, as an attempt to close a loop with them has shown.
     """
@@ -48,6 +95,7 @@ class Structure:
         self.world, self._settings = world, settings
         self.tracks = tracks.copy()
         self._apart = apart
+        self.sightings = Sightings(world)
         self.given_up = np.zeros(len(tracks), dtype=np.bool_)
         self._members = TrackMembers(self.tracks, len(world.points))
 
@@ -60,14 +108,10 @@ class Structure:
         self.tracks[:], self.given_up[:] = tracks, given_up
         self._members = TrackMembers(self.tracks, len(self.world.points))
 
-    def sees_known(self, rows: Numbers | slice = slice(None)) -> BoolArray:
-        """Which keypoints, all or `rows` (m,), see a point that has a position."""
-        points = self.world.keypoint_points[rows]
-        return np.asarray((points >= 0) & self.world.known[points])
-
-    def points_of_images(self, sees: BoolArray) -> NDArray[np.intp]:
-        """(I,) how many keypoints of each image are among those chosen, `sees` (K,)."""
-        return np.bincount(self.world.keypoint_images[sees], minlength=self.world.num_images)
+    def seeing_known(self, image: int) -> Numbers:
+        """Keypoints of an image that see a point that has a position."""
+        rows = self.world.keypoints_of([image])
+        return np.asarray(rows[_see_known(self.world, rows)])
 
     def triangulate(self, images: Numbers) -> int:
         """Give positions to tracks that `images` (n,) and others with a pose see; how many.
@@ -159,6 +203,8 @@ class Structure:
     def join_tracks(self, pairs: NDArray[np.integer]) -> int:
         """Let tracks (p, 2) be one, each second one becoming part of the first; how many there are fewer."""
         world = self.world
+        if not len(pairs):  # all keypoints would be gone through for nothing
+            return 0
         same = np.arange(len(world.points), dtype=np.int32)
         for kept, gone in pairs.tolist():
             a, b = int(same[kept]), int(same[gone])

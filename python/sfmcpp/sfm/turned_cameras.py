@@ -63,10 +63,9 @@ def with_turned_cameras(graph: MatchGraph, cameras: Cameras) -> MatchGraph:
         else the same graph.
     """
     pairs = list(graph.pairs)
-    for camera in np.flatnonzero(cameras.guessed):
-        inside = cameras.of_image == camera
-        numbers = [n for n, p in enumerate(pairs) if inside[p.first] and inside[p.second]]
-        numbers = [n for n in numbers if pairs[n].geometry.kind in ("planar", "general")]
+    by_camera = graph.pairs_by_camera(cameras.of_image)
+    for camera in np.flatnonzero(cameras.guessed).tolist():
+        numbers = [n for n in by_camera[camera] if pairs[n].geometry.kind in ("planar", "general")]
         turned = _rotations(graph, [pairs[n] for n in numbers], cameras.intrinsics[camera])
         for number, pair in zip(numbers, turned, strict=False):
             pairs[number] = pair

@@ -117,6 +117,22 @@ def test_positions_are_written_where_gps_says(photos: Path, monkeypatch: pytest.
     assert sfmcpp.read("out/model").metadata.extra["origin_geodetic"].tolist() == run.gps.origin.tolist()
 
 
+def test_where_positions_are_of_no_use_the_model_is_written_without(
+    photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = complete_run()
+    run.gps_failure = "gps: 4 images of the model have a position, 5 are needed"
+    ending(monkeypatch, run)
+    words = "reconstruct photos -o out --gps exif --positions-out p.csv --quiet"
+    assert main(words.split()) == 2
+    assert capsys.readouterr().err == (
+        "sfmcpp: error: --gps: 4 images of the model have a position, 5 are needed; "
+        "out has the model, without positions\n"
+    )
+    assert sfmcpp.read("out/model").num_cameras == run.num_registered
+    assert not Path("p.csv").exists()  # it would be in no world, and no metres
+
+
 @pytest.mark.parametrize(("text", "value"), [("exif", "exif"), ("auto", "auto"), ("1234.5", 1234.5)])
 def test_a_camera_is_a_word_or_a_focal_length(
     photos: Path, monkeypatch: pytest.MonkeyPatch, text: str, value: object

@@ -21,6 +21,7 @@ from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.structure import Sightings
 
 SIGMA_PX = 0.5
 
@@ -114,6 +115,16 @@ def test_photos_of_two_places_become_two_models_and_none_is_lost() -> None:
     counts = [int(world.registered.sum()) for world in found.models]
     assert counts == [8, 5]
     assert (found.models[0].registered ^ found.models[1].registered).all()
+
+
+def test_images_that_no_model_was_started_with_are_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sfmcpp.sfm.incremental._MODELS", 1)
+    one, two = truth_of(8), truth_of(5)
+    graph = together(match_graph(one, sigma_px=SIGMA_PX), match_graph(two, sigma_px=SIGMA_PX, seed=1))
+    why = "1 models were started, which is the most; reconstruct these images by themselves"
+    run = reconstruct(graph, camera=1000.0, subpixel=False)
+    assert [run.images[photo.name].reason for photo in graph.photos] == [""] * 8 + [why] * 5
+    assert f"5 images that fit others are in no model, first other/000.jpg: {why}" in run.warnings
 
 
 def together(a: MatchGraph, b: MatchGraph) -> MatchGraph:
@@ -226,6 +237,26 @@ def test_cameras_that_were_chosen_before_keep_their_name() -> None:
     world.fixed_intrinsics[:, PERSPECTIVE.index("k2")] = False
     choose_camera_model(world, IncrementalSettings())
     assert world.camera_names == ["RADIAL"]
+
+
+def test_what_sees_known_points_is_kept_up_to_date() -> None:
+    truth, random = truth_of(), np.random.default_rng(0)
+    graph = match_graph(truth, sigma_px=SIGMA_PX)
+    world = grown(graph, known_cameras(graph, truth)).models[0]
+    sightings = Sightings(world)
+    for _ in range(4):
+        world.points[random.choice(len(world.points), 20, replace=False)] = np.nan
+        world.points[random.choice(np.flatnonzero(~world.known), 5)] = 1.0
+        world.forget(random.choice(np.flatnonzero(world.keypoint_points >= 0), 50, replace=False))
+        world.merge(*random.choice(np.flatnonzero(world.known), 2, replace=False).tolist())
+        before = sightings.sees.copy()
+        sightings.update()
+        sees = (world.keypoint_points >= 0) & world.known[world.keypoint_points]
+        assert np.array_equal(sightings.sees, sees)
+        assert np.array_equal(
+            sightings.counts, np.bincount(world.keypoint_images[sees], minlength=world.num_images)
+        )
+        assert set(world.keypoint_images[sees != before]) <= set(np.flatnonzero(sightings.changed))
 
 
 def test_points_need_three_views_where_that_is_asked_for() -> None:

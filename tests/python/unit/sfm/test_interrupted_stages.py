@@ -1,7 +1,9 @@
-"""Ctrl-C in the last stages of a reconstruction keeps the models that there are."""
+"""Ctrl-C in the last stages of a reconstruction, or useless positions, keep the models that there are."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from flights import flight
 from sfm_scenes import match_graph
 from sfmcpp.geometry import reprojection_errors_px
 from sfmcpp.map import Map
+from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sfm import MatchGraph, reconstruct
 from sfmcpp.sfm.result import SfmRun
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -28,9 +31,12 @@ def graph() -> MatchGraph:
 
 @pytest.fixture
 def table(graph: MatchGraph, tmp_path: Path) -> Path:
-    path = tmp_path / "gps.csv"
-    rows = zip(graph.photos, TRUTH.centres.tolist(), strict=True)
-    path.write_text("\n".join(["name,x,y,z", *(f"{p.name},{x},{y},{z}" for p, (x, y, z) in rows)]))
+    return table_of(graph, tmp_path / "gps.csv", range(TRUTH.num_cameras))
+
+
+def table_of(graph: MatchGraph, path: Path, images: Iterable[int]) -> Path:
+    rows = ((graph.photos[image].name, TRUTH.centres[image].tolist()) for image in images)
+    path.write_text("\n".join(["name,x,y,z", *(f"{name},{x},{y},{z}" for name, (x, y, z) in rows)]))
     return path
 
 
@@ -43,6 +49,7 @@ def assert_same_model(found: SfmRun, expected: SfmRun) -> None:
     assert expected.model is not None
     for name in ("poses", "points", "intrinsics", "fixed_intrinsics"):
         assert np.array_equal(getattr(found.model, name), getattr(expected.model, name), equal_nan=True), name
+    assert (found.model.origin is None) == (expected.model.origin is None)
 
 
 def changed_and_stopped(world: Map, *_: object) -> None:
@@ -50,6 +57,7 @@ def changed_and_stopped(world: Map, *_: object) -> None:
     world.poses[:, :, 3] += 7.0
     world.intrinsics[:, 0] *= 2.0
     world.fixed_intrinsics[:] = True
+    world.origin = WorldOrigin(np.ones(3), geodetic=False)
     raise KeyboardInterrupt
 
 
@@ -78,6 +86,16 @@ def test_ctrl_c_while_a_model_is_georeferenced(
     assert found.gps is None
     assert "interrupted while the model was georeferenced" in found.warnings[-1]
     assert_same_model(found, expected)
+
+
+def test_too_few_positions_in_the_model_cost_no_model(graph: MatchGraph, tmp_path: Path) -> None:
+    alone = replace(graph, pairs=[pair for pair in graph.pairs if pair.second != 7])
+    found = run_of(alone, table_of(graph, tmp_path / "gps.csv", (0, 1, 2, 4, 7)))
+    why = "gps: 4 images of the model have a position, 5 are needed"
+    assert found.gps is None
+    assert found.gps_failure == why
+    assert f"positions that were given are not used: {why}" in found.warnings
+    assert_same_model(found, run_of(alone, "none"))
 
 
 def test_a_georeferenced_model_stays_so(

@@ -90,3 +90,14 @@ def test_one_that_moves_along_a_plane_is_not_taken_for_one_that_turned(step: flo
     guessed = cameras_of(graph.photos)
     assert guessed.guessed.all()
     assert {pair.geometry.kind for pair in with_turned_cameras(graph, guessed).pairs} == kinds
+
+
+def test_pairs_of_each_camera_are_found_in_one_go() -> None:
+    graph = match_graph(panorama(0.3), sigma_px=0.3, known=False)
+    of_image = np.array([0, 2, 0, 2, 2, 1])
+    expected = {
+        camera: [n for n, p in enumerate(graph.pairs) if of_image[p.first] == of_image[p.second] == camera]
+        for camera in range(3)
+    }
+    found = graph.pairs_by_camera(of_image)
+    assert {camera: found[camera] for camera in range(3)} == expected
