@@ -70,7 +70,8 @@ def _mahalanobis(offsets: FloatArray, spread: FloatArray) -> FloatArray:
     """(N,) ``√(eᵀ S⁻¹ e)`` of offsets (N, 2) and matrices (N, 2, 2)."""
     x, y = offsets.T
     a, b, d = spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
-    squares = (d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b)
+    with np.errstate(divide="ignore", invalid="ignore"):  # rounding may leave no determinant: not near
+        squares = (d * x * x - 2 * b * x * y + a * y * y) / (a * d - b * b)
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
