@@ -36,6 +36,8 @@ _LARGEST_TURNS = 0.25
 # Offsets are tried in steps of this [s].
 _STEP_S = 0.01
 _DEGREES = 180 / np.pi
+# Rotations compared at a time, of all offsets and intervals.
+_MOST_TOGETHER = 1 << 17
 # Error over rotation: about √2 if axes are wrong, 1 if the sensor is noise only, less if it is right.
 _WRONG, _RIGHT = 1.15, 0.5
 # Smaller rotations of the camera from pose to pose may be the noise of its poses, and prove nothing.
@@ -202,10 +204,13 @@ def _compare_with_stream(
     offsets: FloatArray,
 ) -> RotationCheck:
     """Compare a stream, its rates divided by `factor`, with rotations (n, 3, 3) between `times` (n, 2)."""
-    turns = turns_at_offsets(stream, mounting, times, offsets, factor)
-    errors = so3.log(np.swapaxes(seen, 1, 2) @ turns)
+    absolute = _rotations_about(stream, times, offsets, factor)
+    errors = np.empty((len(offsets), len(seen), 3))
+    for some in _pieces(len(offsets), len(seen)):
+        turns = _turns_of(absolute, mounting, times, offsets[some])
+        errors[some] = so3.log(np.swapaxes(seen, 1, 2) @ turns)
     best, offset_s, sigma_s = _best_offset(errors, offsets)
-    claimed = so3.rotation_angle(turns[best])
+    claimed = so3.rotation_angle(_turns_of(absolute, mounting, times, offsets[best : best + 1])[0])
     largest = claimed >= np.quantile(claimed, 1 - _LARGEST_TURNS)
     turned, error = (float(np.median(so3.rotation_angle(r[largest]))) for r in (seen, so3.exp(errors[best])))
     return RotationCheck(len(seen), offset_s, sigma_s, turned, error, factor)
@@ -215,13 +220,32 @@ def turns_at_offsets(
     stream: SensorStream, mounting: Mounting, times: FloatArray, offsets: FloatArray, factor: float = 1.0
 ) -> FloatArray:
     """Rotations (offsets, n, 3, 3) of the camera between `times` (n, 2), each offset added to the stamps."""
+    return _turns_of(_rotations_about(stream, times, offsets, factor), mounting, times, offsets)
+
+
+def _pieces(offsets: int, intervals: int) -> list[slice]:
+    """Offsets compared together: a run of an hour has 40,000 intervals, with 290 MB of matrices."""
+    count = max(1, _MOST_TOGETHER // intervals)
+    return [slice(first, first + count) for first in range(0, offsets, count)]
+
+
+def _rotations_about(
+    stream: SensorStream, times: FloatArray, offsets: FloatArray, factor: float
+) -> tuple[FloatArray, FloatArray]:
+    """Stamps (n,) about some times, and the rotations (n, 3, 3) start_from_body there."""
     reach_s = np.abs(offsets).max() + stream.max_gap_s
     first = np.searchsorted(stream.t_s, times.min() - reach_s, side="left")
     last = np.searchsorted(stream.t_s, times.max() + reach_s, side="right")
     stream = stream.only(slice(first, last))
-    absolute = rotations_at_samples(stream, 1 / factor)
+    return stream.t_s, rotations_at_samples(stream, 1 / factor)
+
+
+def _turns_of(
+    absolute: tuple[FloatArray, FloatArray], mounting: Mounting, times: FloatArray, offsets: FloatArray
+) -> FloatArray:
+    """Rotations (offsets, n, 3, 3) of the camera, as :func:`turns_at_offsets`."""
     shifted = times - offsets[:, None, None]
-    start, end = (interpolate_rotations(stream.t_s, absolute, shifted[..., k].ravel()) for k in (0, 1))
+    start, end = (interpolate_rotations(*absolute, shifted[..., k].ravel()) for k in (0, 1))
     return mounting.camera_rotation(np.swapaxes(start, 1, 2) @ end).reshape(len(offsets), -1, 3, 3)
 
 

@@ -18,7 +18,6 @@ from sfmcpp.weighting import (
     ltn_scores,
     running_median,
     scaled_l_curve_scores,
-    statistics,
 )
 from sfmcpp.weighting import problem as weighting_problem
 from weight_helpers import Array, gps, is_recovered, odometer, street
@@ -298,31 +297,6 @@ def test_a_summary_with_weights_prints_and_is_plain_json(
     assert f"{weighed[1].weight:.3g} by variance (σ = " in line
     content = json.loads(json.dumps(summary.to_dict(), allow_nan=False))
     assert content["group_weights"][0]["weights"] == summary.group_weights[0].weights.tolist()
-
-
-def test_a_problem_too_large_for_dense_matrices_is_weighed_by_folds(
-    drift: tuple[Problem, Problem], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(statistics, "MAX_COLUMNS", 100)
-    (chosen,) = choose(drift[0], gps(drift[1], 0.1), weight="k-fold")
-    assert chosen.redundancy is None
-    assert 0.5 < chosen.sensor_sigma / 0.1 < 2
-    with pytest.raises(InvalidArgument, match="240 free parameters of cameras, must be at most 100"):
-        choose(drift[0], gps(drift[1], 0.1), weight="loo-approx")
-
-
-@pytest.mark.parametrize(("sampled", "tolerance"), [(40, 0.02), (13, 0.05)])
-def test_a_problem_too_large_for_hat_matrices_gets_the_weight_of_a_small_one(
-    drift: tuple[Problem, Problem], monkeypatch: pytest.MonkeyPatch, sampled: int, tolerance: float
-) -> None:
-    """All members stand for themselves, or a third of them for all; two groups are weighed together."""
-    groups = [gps(drift[1], 0.1), replace(gps(drift[1], 0.4, seed=1), name="other")]
-    expected = choose(drift[0], *groups)
-    monkeypatch.setattr(statistics, "MAX_COLUMNS", 100)
-    monkeypatch.setattr(statistics, "_SAMPLED_MEMBERS", sampled)
-    for found, wanted in zip(choose(drift[0], *groups), expected, strict=True):
-        assert found.sensor_sigma == pytest.approx(wanted.sensor_sigma, rel=tolerance)
-        assert found.redundancy == pytest.approx(wanted.redundancy, rel=2 * tolerance)
 
 
 def test_priors_on_focal_lengths_are_weighed_too() -> None:
