@@ -70,6 +70,12 @@ def test_the_offset_is_found_to_what_it_says(offset_s: float, seed: int) -> None
         assert told == ""
 
 
+def test_pieces_of_offsets_give_the_bits_of_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    together = check_rotations(slow_gyro().shifted(0.2), MOUNTING, keyframes())
+    monkeypatch.setattr("sfmcpp.sensors.rotation_check._MOST_TOGETHER", 1000)  # of some 8,000
+    assert check_rotations(slow_gyro().shifted(0.2), MOUNTING, keyframes()) == together
+
+
 def test_what_the_offset_may_be_off_is_no_less_than_it_scatters_by_and_not_much_more() -> None:
     found = [check_rotations(slow_gyro(), MOUNTING, keyframes(wild=0.0, seed=seed)) for seed in range(20)]
     scatter = np.sqrt(np.mean([check.offset_s**2 for check in found]))
