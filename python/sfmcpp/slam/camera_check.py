@@ -8,6 +8,7 @@ it: along a straight road hardly at all, with turns within a few percent.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -43,17 +44,14 @@ class FreedIntrinsic:
         Its value before and after, and its standard deviation by the linear model; f in pixels.
     moved : float
         Part by which the change moves a pixel at the border away from the principal point.
-    cost : float
-        Cost of the images with it.
     fall : float
-        By how much it is below the cost with all intrinsics held.
+        By how much the cost of the images is below that with all intrinsics held.
     """
 
     given: float
     preferred: float
     sigma: float
     moved: float
-    cost: float
     fall: float
 
     @property
@@ -100,32 +98,33 @@ def warn_of_camera(world: WorldMap | None, settings: SlamSettings) -> list[str]:
     doubtful = {name: one for name, one in freed.items() if one.contradicts}
     if not doubtful:
         return []
-    name = min(doubtful, key=lambda name: doubtful[name].cost)
+    name = max(doubtful, key=lambda name: doubtful[name].fall)
     return [f"the images contradict the camera that is given: {_TEXTS[name](doubtful[name])}"]
 
 
 def _freed(problem: Problem, name: str, held: float) -> FreedIntrinsic:
     trial, column = _with_free(problem, name), PERSPECTIVE.index(name)
     given = float(trial.intrinsics[0, column])
-    cost = _adjusted(trial)
-    options = SolveOptions(loss=ROBUST_LOSS[0], loss_scale_px=ROBUST_LOSS[1], gauge="fixed")
-    model = LinearModel(trial, [], options, RIDGE)
+    fall = held - _adjusted(trial)
+    model = LinearModel(trial, [], _robust(gauge="fixed"), RIDGE)
     place = model.parameter_names.index(name)
     variance = float(model.covariance(cameras=[0]).cameras[0, place, place])
     preferred = float(trial.intrinsics[0, column])
     f, cx, cy = trial.intrinsics[0, [PERSPECTIVE.index(one) for one in ("f", "cx", "cy")]]
     radius = float(np.linalg.norm(problem.pixels - [cx, cy], axis=1).max())
     moved = (preferred - given) * (1 / given if name == "f" else (radius / f) ** 2)
-    return FreedIntrinsic(given, preferred, max(variance, 0.0) ** 0.5, moved, cost, held - cost)
+    return FreedIntrinsic(given, preferred, max(variance, 0.0) ** 0.5, moved, fall)
 
 
 def _adjusted(problem: Problem) -> float:
     """Adjust, and return the cost."""
-    loss, scale_px = ROBUST_LOSS
-    options = SolveOptions(
-        loss=loss, loss_scale_px=scale_px, max_iterations=_MOST_STEPS, function_tolerance=_TOLERANCE
-    )
+    options = _robust(max_iterations=_MOST_STEPS, function_tolerance=_TOLERANCE)
     return adjust(problem, [], options).require_uninterrupted().final_cost
+
+
+def _robust(**more: Any) -> SolveOptions:
+    loss, scale_px = ROBUST_LOSS
+    return SolveOptions(loss=loss, loss_scale_px=scale_px, **more)
 
 
 def _with_free(problem: Problem, *names: str) -> Problem:
