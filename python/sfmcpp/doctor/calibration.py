@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding, counted, numbers
-from sfmcpp.doctor.trial import Trial, adjusted, redundancy
+from sfmcpp.doctor.trial import (
+    RIDGE,
+    Trial,
+    adjusted,
+    as_perspective,
+    radii_px,
+    redundancy,
+    with_free_sensors,
+)
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.significance import mad_sigma
@@ -34,8 +42,6 @@ _HALF = 1 / 2
 _MOST = 0.5
 # Terms of a lens stand in for each other: what one leaves open another takes up.
 _LENS = ("k1", "k2", "k3", "k4", "k5", "p1", "p2")
-# Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
-RIDGE = 1e-12
 
 
 def focal_signs(case: Case) -> Iterator[Finding]:
@@ -108,14 +114,6 @@ def _with_free_calibration(problem: Problem) -> Problem:
         intrinsics_index=index.reshape(-1)[problem.intrinsics_index].astype(np.int32),
         fixed_intrinsics=np.tile([name not in ("f", "cx", "cy") for name in PERSPECTIVE], (len(rows), 1)),
     )
-
-
-def as_perspective(problem: Problem) -> Problem:
-    """A calibrated or perspective problem with all columns of perspective cameras; new ones are 0, held."""
-    shape, given = (len(problem.intrinsics), len(PERSPECTIVE)), problem.intrinsics.shape[1]
-    intrinsics, fixed = np.zeros(shape), np.ones(shape, dtype=np.bool_)
-    intrinsics[:, :given], fixed[:, :given] = problem.intrinsics, problem.fixed_intrinsics
-    return replace(problem, camera_model="perspective", intrinsics=intrinsics, fixed_intrinsics=fixed)
 
 
 def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) -> bool:
@@ -220,14 +218,6 @@ def undetermined(case: Case) -> Iterator[Finding]:
         yield _undetermined_finding(case, trial, unknown, len(cameras))
 
 
-def with_free_sensors(problem: Problem, *free: int) -> Problem:
-    """The problem with these sensors of its rigs free and no others."""
-    if problem.rigs is None:
-        return problem
-    mask = np.isin(np.arange(problem.rigs.num_sensors), free)
-    return replace(problem, rigs=replace(problem.rigs, free_sensors=mask))
-
-
 def _undetermined_intrinsics(
     case: Case, trial: Trial, model: LinearModel, cameras: IndexArray
 ) -> dict[str, tuple[float, IndexArray]]:
@@ -259,15 +249,6 @@ def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:
     """(C, D) how far a parameter moves that observation of the camera that it moves most, per unit."""
     by_camera, _ = model.blocks()
     return largest_of_each(problem.camera_index, np.linalg.norm(by_camera, axis=1), problem.num_cameras)
-
-
-def radii_px(problem: Problem) -> FloatArray:
-    """(C,) distance of the farthest observation of each camera from the principal point, or 1 [px]."""
-    centres = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 2:4]
-    distances = np.linalg.norm(problem.pixels - centres, axis=1)
-    radii = largest_of_each(problem.camera_index, distances, problem.num_cameras)
-    radii[radii == 0] = 1.0
-    return radii
 
 
 def _undetermined_finding(

@@ -9,15 +9,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sfmcpp.doctor.calibration import (
-    adjusted_with_free_calibration,
-    as_perspective,
-    is_significant,
-    radii_px,
-)
+from sfmcpp.doctor.calibration import adjusted_with_free_calibration, is_significant
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.trial import Trial, adjusted
+from sfmcpp.doctor.trial import Trial, adjusted, as_perspective, moved_at_border, radii_px
 from sfmcpp.model import Problem
 from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 
@@ -75,7 +70,7 @@ def _finding(given: Problem, freed: Problem, less: float) -> Finding:
     radii = radii_px(freed)
     row = freed.intrinsics[freed.intrinsics_index]
     more = np.abs(row[:, _K1] - held_k1[freed.intrinsics_index])
-    moved = more * (radii / row[:, _F]) ** 2  # as a part of the radius
+    moved = more * moved_at_border(_K1, row[:, _F], radii)
     held = bool(given.fixed_intrinsics[rows, _F].all())
     return Finding(
         "wrong-distortion" if before else "missing-distortion",

@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.calibration import RIDGE, as_perspective, radii_px, with_free_sensors
-from sfmcpp.doctor.trial import Trial, adjusted, redundancy
+from sfmcpp.doctor.trial import (
+    RIDGE,
+    Trial,
+    adjusted,
+    as_perspective,
+    moved_at_border,
+    radii_px,
+    redundancy,
+    with_free_sensors,
+)
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
@@ -20,7 +28,7 @@ if TYPE_CHECKING:
     from sfmcpp.doctor.case import Case
 
 TESTED = ("f", "aspect", "cx", "cy", "k1")
-_F, _ASPECT, _CX, _CY, _K1 = (PERSPECTIVE.index(name) for name in TESTED)
+_F = PERSPECTIVE.index("f")
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +76,7 @@ class FreedIntrinsics:
         problem = self.freed.problem
         radius = largest_of_each(problem.intrinsics_index, radii_px(problem), len(problem.intrinsics))
         radii, focals = radius[self.rows], problem.intrinsics[self.rows, _F]
-        by_unit = {_F: 1 / focals, _ASPECT: 1.0, _CX: 1 / radii, _CY: 1 / radii, _K1: (radii / focals) ** 2}
-        scale = np.stack([np.broadcast_to(by_unit[int(c)], radii.shape) for c in self.columns], axis=1)
+        scale = np.stack([moved_at_border(int(column), focals, radii) for column in self.columns], axis=1)
         return np.asarray(np.abs(self.after - self.before) * scale)
 
 

@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel, SolveOptions
-from sfmcpp.doctor.calibration import RIDGE, radii_px, with_free_sensors
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, named, numbers
-from sfmcpp.doctor.trial import Trial
+from sfmcpp.doctor.trial import RIDGE, Trial, radii_px, with_free_sensors
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model import Problem, Rigs

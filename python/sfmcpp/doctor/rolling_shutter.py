@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sfmcpp.ba import LinearModel, SolveOptions, residuals_px
-from sfmcpp.doctor.calibration import RIDGE
 from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.trial import redundancy
+from sfmcpp.doctor.trial import RIDGE, redundancy
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import Problem

@@ -1,18 +1,20 @@
-"""Trial adjustments: a copy of the problem adjusted with a robust loss."""
+"""Trial adjustments of a copy of the problem, its camera freed where asked, and measures to judge them by."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sfmcpp.ba import SolveOptions, Summary, adjust, residuals
 from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.names import Loss
 from sfmcpp.model.residual_group import Group
 from sfmcpp.model.uncertainty import Whitener
@@ -25,6 +27,8 @@ TOLERANCE = 1e-4
 GROSS, NOTABLE_SHARE = 10.0, 0.01
 # What a loss keeps must be a good part of all, and fit twice as well as by another, to be believed.
 _LEAST_SHARE, _TWICE = 0.4, 0.5
+# Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
+RIDGE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,43 @@ def redundancy(problem: Problem, intrinsics: int = 0) -> int:
     """Numbers observed less those estimated, some intrinsics among them; at least one."""
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
     return max(2 * problem.num_observations - 6 * cameras - 3 * points - intrinsics, 1)
+
+
+def as_perspective(problem: Problem) -> Problem:
+    """A calibrated or perspective problem with all columns of perspective cameras; new ones are 0, held."""
+    shape, given = (len(problem.intrinsics), len(PERSPECTIVE)), problem.intrinsics.shape[1]
+    intrinsics, fixed = np.zeros(shape), np.ones(shape, dtype=np.bool_)
+    intrinsics[:, :given], fixed[:, :given] = problem.intrinsics, problem.fixed_intrinsics
+    return replace(problem, camera_model="perspective", intrinsics=intrinsics, fixed_intrinsics=fixed)
+
+
+def with_free_sensors(problem: Problem, *free: int) -> Problem:
+    """The problem with these sensors of its rigs free and no others."""
+    if problem.rigs is None:
+        return problem
+    mask = np.isin(np.arange(problem.rigs.num_sensors), free)
+    return replace(problem, rigs=replace(problem.rigs, free_sensors=mask))
+
+
+def radii_px(problem: Problem) -> FloatArray:
+    """(C,) distance of the farthest observation of each camera from the principal point, or 1 [px]."""
+    centres = pinhole_rows(problem.intrinsics)[problem.intrinsics_index[problem.camera_index], 2:4]
+    distances = np.linalg.norm(problem.pixels - centres, axis=1)
+    radii = largest_of_each(problem.camera_index, distances, problem.num_cameras)
+    radii[radii == 0] = 1.0
+    return radii
+
+
+def moved_at_border(column: int, focals: FloatArray, radii: FloatArray) -> FloatArray:
+    """Part of its radius by which one more of f, aspect, cx, cy or k1, by column, moves an image's border."""
+    by_unit = {
+        "f": 1 / focals,
+        "aspect": np.ones_like(radii),
+        "cx": 1 / radii,
+        "cy": 1 / radii,
+        "k1": (radii / focals) ** 2,
+    }
+    return by_unit[PERSPECTIVE[column]]
 
 
 def median_sigma_px(problem: Problem) -> float:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.ba import LinearModel, SolveOptions, adjust
-from sfmcpp.doctor.calibration import RIDGE, as_perspective
+from sfmcpp.doctor.trial import RIDGE, as_perspective, moved_at_border, radii_px
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.camera_models import PERSPECTIVE
@@ -105,14 +105,13 @@ def warn_of_camera(world: WorldMap | None, settings: SlamSettings) -> list[str]:
 def _freed(problem: Problem, name: str, held: float) -> FreedIntrinsic:
     trial, column = _with_free(problem, name), PERSPECTIVE.index(name)
     given = float(trial.intrinsics[0, column])
+    focal, radius = trial.intrinsics[0, :1].copy(), radii_px(trial).max(keepdims=True)
     fall = held - _adjusted(trial)
     model = LinearModel(trial, [], _robust(gauge="fixed"), RIDGE)
     place = model.parameter_names.index(name)
     variance = float(model.covariance(cameras=[0]).cameras[0, place, place])
     preferred = float(trial.intrinsics[0, column])
-    f, cx, cy = trial.intrinsics[0, [PERSPECTIVE.index(one) for one in ("f", "cx", "cy")]]
-    radius = float(np.linalg.norm(problem.pixels - [cx, cy], axis=1).max())
-    moved = (preferred - given) * (1 / given if name == "f" else (radius / f) ** 2)
+    moved = (preferred - given) * float(moved_at_border(column, focal, radius)[0])
     return FreedIntrinsic(given, preferred, max(variance, 0.0) ** 0.5, moved, fall)
 
 

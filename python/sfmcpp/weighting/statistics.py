@@ -32,8 +32,8 @@ _REACH = 100.0
 _FACTORS = np.geomspace(1 / _REACH, _REACH, 401)
 # A prior proportional to a standard deviation counts as one measurement less.
 _PRIOR = 1
-# Least redundancy of a group that counts, of a too large problem.
-_LEAST_REDUNDANCY = 1e-3
+# Sampled redundancies below this count as this.
+_REDUNDANCY_FLOOR = 1e-3
 _TINY = float(np.finfo(float).tiny)
 # Errors of rotation matrices and of images have more rows than degrees of freedom; the eigenvalues of the hat
 # matrix for the surplus rows are zero up to rounding, which is below this.
@@ -212,7 +212,7 @@ class FitStatistics:
             τ, between 1/100 and 100.
         """
         if self.too_large:
-            left = max(self.redundancy.groups[k] - _PRIOR, _LEAST_REDUNDANCY)
+            left = max(self.redundancy.groups[k] - _PRIOR, _REDUNDANCY_FLOOR)
             own = self.weights[k] * float(self.errors[k] @ self.errors[k])
             return float(np.clip(left * self.image_sigma**2 / max(own, _TINY), 1 / _REACH, _REACH))
         share, vectors = self.linear.hat_spectrum(k)
