@@ -10,9 +10,10 @@ namespace sfmcpp {
 namespace {
 
 #if defined(__x86_64__)
-#if defined(__clang__) && __clang_major__ < 18
-// Clang knows levels by name from version 18 on. The features it can name imply the others of the
-// level: every processor with FMA and BMI2 also has F16C, LZCNT and MOVBE.
+#if defined(__clang__) ? __clang_major__ < 18 : __GNUC__ < 12
+// Clang knows levels by name from version 18 on, GCC from 12 on. The features that older ones can
+// name imply the others of the level: every processor with FMA and BMI2 also has F16C, LZCNT and
+// MOVBE.
 bool has_v3() {
   return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
          __builtin_cpu_supports("bmi2");

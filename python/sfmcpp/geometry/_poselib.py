@@ -8,6 +8,8 @@ with square pixels and the principal point at the origin.
 
 from __future__ import annotations
 
+import platform
+import sys
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -166,10 +168,16 @@ def _load() -> ModuleType:
     try:
         import poselib
     except ModuleNotFoundError as error:
-        message = f"two-view geometry and resection need {error.name}: pip install 'sfmcpp[vision]'"
+        message = f"two-view geometry and resection need {error.name}: {_installation()}"
         raise ModuleNotFoundError(message, name=error.name) from None
     module: ModuleType = poselib
     return module
+
+
+def _installation() -> str:
+    if sys.platform == "linux" and platform.machine() != "x86_64":  # there are no wheels
+        return "pip install git+https://github.com/PoseLib/PoseLib"
+    return "pip install 'sfmcpp[vision]'"
 
 
 def _world_from_camera(pose: Any) -> FloatArray:

@@ -278,9 +278,17 @@ def test_a_bad_argument_is_named_with_its_value(change: dict[str, Any], message:
         relative_pose(**{**good, **change})
 
 
-def test_without_poselib_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("machine", "remedy"),
+    [("x86_64", r"pip install 'sfmcpp\[vision\]'"), ("aarch64", r"pip install git\+https://.*/PoseLib")],
+)
+def test_without_poselib_the_error_names_the_remedy(
+    monkeypatch: pytest.MonkeyPatch, machine: str, remedy: str
+) -> None:
     monkeypatch.setitem(sys.modules, "poselib", None)
-    with pytest.raises(ModuleNotFoundError, match=r"need poselib: pip install 'sfmcpp\[vision\]'"):
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    with pytest.raises(ModuleNotFoundError, match=f"need poselib: {remedy}"):
         relative_pose(GOOD.pixels_1, GOOD.pixels_2, INTRINSICS)
 
 
