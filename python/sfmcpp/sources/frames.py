@@ -40,7 +40,7 @@ from sfmcpp.sources.cameras import (
 from sfmcpp.sources.frame_times import TimeOf, require_as_many, times_of_images
 from sfmcpp.sources.io.calibration import Calibration
 from sfmcpp.sources.io.trajectories import read_trajectory
-from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames, read_frame_mask
+from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames, read_mask
 from sfmcpp.sources.vision.images import GreyImage
 
 _TRUTH = "poses.txt"
@@ -368,7 +368,7 @@ def open_images(
     time_of, assumed_fps, doubt = times_of_images(images, fps, stamps)
     truth, time_of = _truth(images, time_of)
     size = size_that_fits(images, intrinsics, calibration.size)
-    usable = None if mask is None else read_frame_mask(Path(mask), *size)
+    usable = None if mask is None else read_mask(Path(mask), size, "the frames")
     stream = ImageStream(images, intrinsics, time_of, settings, usable)
     stream.assumed_fps, stream.doubt = assumed_fps, doubt
     if calibration.size is None:

@@ -7,7 +7,7 @@ from sfmcpp.sources.vision.features import (
     detect_in,
     detector_version,
 )
-from sfmcpp.sources.vision.frames import Frames, open_frames, read_frame_mask
+from sfmcpp.sources.vision.frames import Frames, open_frames
 from sfmcpp.sources.vision.images import PICTURES, VIDEOS, one_opencv_thread
 from sfmcpp.sources.vision.klt import CORNERS, KltSettings, follow_features
 from sfmcpp.sources.vision.matching import match
@@ -43,7 +43,6 @@ __all__ = [
     "open_frames",
     "open_photos",
     "read_color",
-    "read_frame_mask",
     "read_gray",
     "read_mask",
     "thumbnail_jpeg",

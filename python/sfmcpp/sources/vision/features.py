@@ -84,7 +84,8 @@ def detect(photo: Photo, settings: FeatureSettings | None = None) -> Features:
     ModuleNotFoundError
         If OpenCV or Pillow is not installed.
     """
-    return detect_in(read_color(photo), read_mask(photo), settings)
+    mask = None if photo.mask is None else read_mask(photo.mask, photo.size, photo.name)
+    return detect_in(read_color(photo), mask, settings)
 
 
 def detector_version() -> str:

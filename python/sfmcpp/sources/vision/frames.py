@@ -129,38 +129,6 @@ def open_frames(path: str | PathLike[str]) -> Frames:
         return _Folder(source, cv2) if source.is_dir() else _Video(source, cv2)
 
 
-def read_frame_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
-    """Mask of the pixels that are followed in all frames.
-
-    Parameters
-    ----------
-    path : Path
-        An image.
-    width, height : int
-        Size of the frames [px].
-
-    Returns
-    -------
-    (height, width) bool
-        False where the image is black.
-
-    Raises
-    ------
-    DatasetError
-        If it cannot be read or decoded, or has not the size of the frames.
-    """
-    with failures_named(path):
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    cv2 = load_cv2()
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION) if len(data) else None
-    if image is None:
-        raise DatasetError(path, f"is no image that can be decoded ({len(data)} bytes): must be a mask")
-    if image.shape != (height, width):
-        sizes = f"{image.shape[1]}×{image.shape[0]} pixels: must be {width}×{height}"
-        raise DatasetError(path, f"has {sizes} as the frames that it masks")
-    return np.asarray(image > 0)
-
-
 class _Folder(Frames):
     def __init__(self, path: Path, cv2: ModuleType) -> None:
         self.path, self._cv2 = path, cv2

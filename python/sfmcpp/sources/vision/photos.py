@@ -206,29 +206,31 @@ def read_color(photo: Photo) -> ColorImage:
     return pixels
 
 
-def read_mask(photo: Photo) -> NDArray[np.bool_] | None:
-    """Mask of the pixels of a photo in which features may be detected.
+def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool_]:
+    """Mask of the pixels of images in which features may be detected.
 
     Parameters
     ----------
-    photo : Photo
-        With a mask, or without.
+    file : Path
+        An image.
+    size : (int, int)
+        Width and height of the images [px].
+    masked : str
+        What they are called.
 
     Returns
     -------
-    (height, width) bool or None
-        False where its mask is black; None without a mask.
+    (height, width) bool
+        False where the mask is black.
 
     Raises
     ------
     DatasetError
-        If the mask is gone, cut short or otherwise not to be decoded, or has not the size of the photo.
+        If the mask is gone, cut short or otherwise not to be decoded, or has another size.
     """
-    if photo.mask is None:
-        return None
-    with _opened_image(photo.mask, _bytes_of(photo.mask)) as image:
-        _require_mask_size(photo.mask, image.size, photo)
-        pixels = _decoded(photo.mask, image)
+    with _opened_image(file, _bytes_of(file)) as image:
+        _require_mask_size(file, image.size, size, masked)
+        pixels = _decoded(file, image)
         return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2))
 
 
@@ -301,15 +303,15 @@ def _with_mask(photo: Photo, masks: Path) -> Photo:
         return photo
     data = _bytes_of(mask)
     with _opened_image(mask, data) as image:
-        _require_mask_size(mask, image.size, photo)
+        _require_mask_size(mask, image.size, photo.size, photo.name)
     both = blake2b(data, digest_size=_DIGEST_BYTES, key=photo.digest.encode())
     return replace(photo, mask=mask, digest=both.hexdigest())
 
 
-def _require_mask_size(mask: Path, size: tuple[int, int], photo: Photo) -> None:
-    if size != photo.size:
-        sizes = f"{size[0]}×{size[1]} pixels: must be {photo.size[0]}×{photo.size[1]}"
-        raise DatasetError(mask, f"the mask has {sizes} as {photo.name}")
+def _require_mask_size(mask: Path, found: tuple[int, int], size: tuple[int, int], masked: str) -> None:
+    if found != size:
+        sizes = f"{found[0]}×{found[1]} pixels: must be {size[0]}×{size[1]}"
+        raise DatasetError(mask, f"the mask has {sizes} as {masked}")
 
 
 def _require_some(found: PhotoFolder, masks: Path | None) -> None:

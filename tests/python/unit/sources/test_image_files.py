@@ -295,7 +295,7 @@ def test_a_mask_leaves_out_a_part_of_all_images(tmp_path: Path) -> None:
     assert seen[:, 1].max() < 20
     assert repr(frames.identity()) != repr(open_images(images, CAMERA)[0].identity())
     cv2.imwrite(str(mask), black_below[:, 1:])
-    with pytest.raises(DatasetError, match=r"mask\.png: has 63×48 pixels: must be 64×48 as the frames"):
+    with pytest.raises(DatasetError, match=r"mask\.png: the mask has 63×48 pixels: must be 64×48 as"):
         open_drive(images, camera=CAMERA, mask=mask)
     mask.write_text("black")
     with pytest.raises(DatasetError, match=r"mask\.png: is no image that can be decoded \(5 bytes\)"):
