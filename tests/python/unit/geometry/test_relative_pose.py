@@ -279,14 +279,19 @@ def test_a_bad_argument_is_named_with_its_value(change: dict[str, Any], message:
 
 
 @pytest.mark.parametrize(
-    ("machine", "remedy"),
-    [("x86_64", r"pip install 'sfmcpp\[vision\]'"), ("aarch64", r"pip install git\+https://.*/PoseLib")],
+    ("machine", "version", "remedy"),
+    [
+        ("x86_64", (3, 14), r"pip install 'sfmcpp\[vision\]'"),
+        ("aarch64", (3, 14), r"pip install git\+https://.*/PoseLib"),
+        ("x86_64", (3, 15), r"pip install git\+https://.*/PoseLib"),
+    ],
 )
 def test_without_poselib_the_error_names_the_remedy(
-    monkeypatch: pytest.MonkeyPatch, machine: str, remedy: str
+    monkeypatch: pytest.MonkeyPatch, machine: str, version: tuple[int, int], remedy: str
 ) -> None:
     monkeypatch.setitem(sys.modules, "poselib", None)
     monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr("sys.version_info", version)
     monkeypatch.setattr("platform.machine", lambda: machine)
     with pytest.raises(ModuleNotFoundError, match=f"need poselib: {remedy}"):
         relative_pose(GOOD.pixels_1, GOOD.pixels_2, INTRINSICS)
