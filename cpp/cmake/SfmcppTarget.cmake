@@ -4,6 +4,9 @@ function(sfmcpp_target_defaults target)
   # Of the targets themselves, so that it holds in a project of another standard, and for whoever links to them.
   target_compile_features(${target} PUBLIC cxx_std_20)
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wshadow -Wno-psabi)
+  # Products and sums are fused in kernels alone, for which it is chosen: elsewhere ARM, or -march=native, would do so too, and
+  # a b − b a would not be zero.
+  target_compile_options(${target} PRIVATE -ffp-contract=off)
   target_compile_definitions(${target} PRIVATE $<$<CONFIG:Debug>:EIGEN_INITIALIZE_MATRICES_BY_NAN>)
   if(SFMCPP_CAMERA_PLUGIN)
     cmake_path(GET SFMCPP_CAMERA_PLUGIN STEM name)
