@@ -11,6 +11,7 @@ _TOPS, _DOWN = 0.05, 0.025
 # Share of the points at either end of each axis that a view need not show.
 _FAR = 0.05
 _PARALLEL = 1e-6
+_STRAIGHT = 0.9
 # x axes of cameras are parallel if they leave so little in any other direction: a tenth of a radian or so.
 _SQUARE_OF_PARALLEL = 0.02
 # Centres lie in a plane if the variance across it is so much of the lesser in it, that so much of the other.
@@ -25,22 +26,24 @@ def turn_upright(cameras: FloatArray) -> FloatArray:
     People and drones keep the long side of an image level: up is what is most nearly orthogonal to the
     cameras' x axes. Where all of these are parallel, it is across the plane of the centres, as of a flight
     that keeps its heading; without such a plane where the tops of the cameras point, or what is behind
-    cameras that look down. Ahead is where they look in the mean.
+    cameras that look down. Ahead is where they look in the mean, or where the tops of those point that look
+    down.
     """
     if not len(cameras):
         return np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     right, down, ahead = np.moveaxis(cameras[:, :, :3], 2, 0)
     tops, behind = -down.mean(axis=0), -ahead.mean(axis=0)
     level = right.T @ right / len(right)
-    if (plane := _plane_normal(cameras[:, :, 3])) is not None and _is_upright(plane, level):
-        return _upright_axes(
-            plane if plane @ (tops + 0.5 * behind) >= 0 else -plane, -behind, -down[0], ahead[0]
-        )
-    spread = level - _TOPS * np.outer(tops, tops) - _DOWN * np.outer(behind, behind)
-    up = np.linalg.eigh(spread)[1][:, 0]
+    plane = _plane_normal(cameras[:, :, 3])
+    if plane is not None and _is_upright(plane, level):
+        up = plane
+    else:
+        up = np.linalg.eigh(level - _TOPS * np.outer(tops, tops) - _DOWN * np.outer(behind, behind))[1][:, 0]
     if up @ (tops + 0.5 * behind) < 0:
         up = -up
-    return _upright_axes(up, -behind, -down[0], ahead[0])
+    # Of cameras that look straight down, the little that they look aside is any direction.
+    looks_down = up @ behind > _STRAIGHT * np.linalg.norm(behind)
+    return _upright_axes(up, *([tops] if looks_down else []), -behind, -down[0], ahead[0])
 
 
 def _plane_normal(centres: FloatArray) -> FloatArray | None:
