@@ -212,7 +212,12 @@ MatrixXd LinearModel::in_the_gauge(std::span<const int> columns,
                                    MatrixXd covariance,
                                    const MatrixXd& among_unseen) const {
   if (unseen_.size() > 0) {
-    const MatrixXd n = unseen_(columns, Eigen::all), of_n = of_unseen_(columns, Eigen::all);
+    const auto count = static_cast<Index>(columns.size());
+    MatrixXd n(count, unseen_.cols()), of_n(count, unseen_.cols());
+    for (Index k = 0; k < count; ++k) {
+      n.row(k) = unseen_.row(columns[k]);
+      of_n.row(k) = of_unseen_.row(columns[k]);
+    }
     covariance += n * among_unseen * n.transpose() - of_n * n.transpose() - n * of_n.transpose();
   }
   return 0.5 * (covariance + covariance.transpose());
