@@ -34,6 +34,21 @@ void require_in_range(const char* name, int value, int end) {
                         std::to_string(end) + ")");
 }
 
+// The columns of a block that there are, and where they stand in it.
+struct Chosen {
+  std::vector<int> columns, places;
+};
+
+Chosen chosen_of(std::span<const int> block) {
+  Chosen chosen;
+  for (int k = 0; k < static_cast<int>(block.size()); ++k) {
+    if (block[k] < 0) continue;
+    chosen.columns.push_back(block[k]);
+    chosen.places.push_back(k);
+  }
+  return chosen;
+}
+
 }  // namespace
 
 void LinearModel::factorize() {
@@ -174,13 +189,14 @@ MatrixXd LinearModel::covariance(std::span<const int> columns) {
   factorize();
   for (int column : columns) require_in_range("columns", column, num_columns());
   const SparseColumns rhs = reduced(columns);
-  return covariance(columns, rhs, solve(rhs));
+  MatrixXd result = rhs.transpose() * solve(rhs);
+  add_points(columns, result);
+  require_determined(columns, result);
+  return in_the_gauge(columns, result, unseen_.transpose() * of_unseen_);
 }
 
-MatrixXd LinearModel::covariance(std::span<const int> columns,
-                                 const SparseColumns& rhs,
-                                 const MatrixXd& solution) const {
-  MatrixXd result = rhs.transpose() * solution;
+// What points have of themselves, with all cameras held.
+void LinearModel::add_points(std::span<const int> columns, MatrixXd& result) const {
   const auto count = static_cast<Index>(columns.size());
   for (Index a = 0; a < count; ++a) {
     for (Index b = 0; b < count; ++b) {
@@ -189,17 +205,22 @@ MatrixXd LinearModel::covariance(std::span<const int> columns,
         result(a, b) += work_->point_inverse(points_[i / 3])(i % 3, j % 3);
     }
   }
-  require_determined(columns, result);
+}
+
+// Of columns with that covariance in the fixed gauge; `among_unseen` is Nᵀ H⁻ N.
+MatrixXd LinearModel::in_the_gauge(std::span<const int> columns,
+                                   MatrixXd covariance,
+                                   const MatrixXd& among_unseen) const {
   if (unseen_.size() > 0) {
+    const auto count = static_cast<Index>(columns.size());
     MatrixXd n(count, unseen_.cols()), of_n(count, unseen_.cols());
-    for (Index a = 0; a < count; ++a) {
-      n.row(a) = unseen_.row(columns[a]);
-      of_n.row(a) = of_unseen_.row(columns[a]);
+    for (Index k = 0; k < count; ++k) {
+      n.row(k) = unseen_.row(columns[k]);
+      of_n.row(k) = of_unseen_.row(columns[k]);
     }
-    result += n * (unseen_.transpose() * of_unseen_) * n.transpose() - of_n * n.transpose() -
-              n * of_n.transpose();
+    covariance += n * among_unseen * n.transpose() - of_n * n.transpose() - n * of_n.transpose();
   }
-  return 0.5 * (result + result.transpose());
+  return 0.5 * (covariance + covariance.transpose());
 }
 
 void LinearModel::require_determined(std::span<const int> columns,
@@ -231,20 +252,26 @@ void LinearModel::covariance_blocks(std::span<const int> columns, int width, dou
                           std::to_string(columns.size()) + " columns are no blocks of that width");
   factorize();
   for (int column : columns) require_in_range("columns", std::max(column, 0), num_columns());
+  // A column of the inverse is a solve, one of the blocks half a solve at most.
   const int size = work_->space.map.num_columns;
-  const bool by_inverse = size <= kMaxInverse && static_cast<int>(columns.size()) > size;
-  for (std::size_t first = 0; first < columns.size(); first += width) {
-    std::vector<int> chosen, place;
-    for (int k = 0; k < width; ++k) {
-      if (columns[first + k] < 0) continue;
-      chosen.push_back(columns[first + k]);
-      place.push_back(k);
-    }
-    Eigen::Map<Eigen::MatrixXd> block(out + width * first, width, width);
-    block.setZero();
-    const SparseColumns rhs = reduced(chosen);
-    block(place, place) =
-        covariance(chosen, rhs, by_inverse ? MatrixXd(inverse() * rhs) : solve(rhs));
+  const bool by_inverse = size <= kMaxInverse && columns.size() > 2UL * size;
+  if (by_inverse) inverse();
+  const auto count = static_cast<int>(columns.size()) / width;
+  std::vector<MatrixXd> found(static_cast<std::size_t>(count));
+  const auto chosen = [&](int k) { return chosen_of(columns.subspan(width * k, width)); };
+  work_->space.pool.parallel_for_worker(count, [&](int k, int worker) {
+    const SparseColumns rhs = reduced(chosen(k).columns);
+    found[k] = by_inverse ? MatrixXd(rhs.transpose() * MatrixXd(inverse_ * rhs))
+                          : work_->solver->inverse_product(rhs, worker);
+    add_points(chosen(k).columns, found[k]);
+  });
+  const MatrixXd among_unseen = unseen_.transpose() * of_unseen_;
+  for (int k = 0; k < count; ++k) {
+    const Chosen block = chosen(k);
+    require_determined(block.columns, found[k]);
+    Eigen::Map<MatrixXd> of_block(out + Index{width} * width * k, width, width);
+    of_block.setZero();
+    of_block(block.places, block.places) = in_the_gauge(block.columns, found[k], among_unseen);
   }
 }
 

@@ -156,8 +156,26 @@ bool factor_panel(const CholeskyKernels& kernels,
 namespace {
 
 constexpr int kColumnsPerTask = 32;  // right-hand sides that one task solves for
+constexpr int kColumnsInCache = 32;  // of a factor, which several right-hand sides meet
 
 }  // namespace
+
+void forward_columns(const CholeskyKernels& kernels,
+                     const double* l,
+                     long ld,
+                     int columns,
+                     Eigen::Ref<Eigen::MatrixXd> x) {
+  const auto rows = static_cast<int>(x.rows());
+  for (int first = 0; first < columns; first += kColumnsInCache) {
+    const int last = std::min(first + kColumnsInCache, columns);
+    for (Eigen::Index c = 0; c < x.cols(); ++c) {
+      // Zeros come first in what is sparse.
+      if (x.col(c).segment(first, last - first).isZero(0.0)) continue;
+      kernels.forward(
+          l + first * (ld + 1), ld, last - first, rows - first, x.col(c).data() + first);
+    }
+  }
+}
 
 CholeskyKernels cholesky_kernels() { return SFMCPP_FOR_ACTIVE_ISA(cholesky_kernels_of()); }
 
@@ -199,6 +217,15 @@ void DenseCholesky::solve(Eigen::MatrixXd& x, ThreadPool& pool) const {
     l.triangularView<Eigen::Lower>().solveInPlace(slab);
     l.transpose().triangularView<Eigen::Upper>().solveInPlace(slab);
   });
+}
+
+Eigen::MatrixXd DenseCholesky::inverse_product(const SparseEntries& x, int columns) const {
+  int first = size_;
+  for (const auto& entry : x) first = std::min(first, entry.row());
+  Eigen::MatrixXd values = Eigen::MatrixXd::Zero(size_ - first, columns);
+  for (const auto& entry : x) values(entry.row() - first, entry.col()) = entry.value();
+  forward_columns(kernels_, matrix_.data() + first * (ld_ + 1), ld_, size_ - first, values);
+  return values.transpose() * values;
 }
 
 double DenseCholesky::log_determinant() const {

@@ -79,6 +79,10 @@ bool ExplicitSchurSolver::factorize(const Damping& damping) {
 
 bool ExplicitSchurSolver::solve_reduced(std::vector<double>& x) { return reduced_->solve(x); }
 void ExplicitSchurSolver::solve_reduced(Eigen::MatrixXd& x) { reduced_->solve_columns(x); }
+Eigen::MatrixXd ExplicitSchurSolver::inverse_product(const Eigen::SparseMatrix<double>& x,
+                                                     int worker) {
+  return reduced_->inverse_product(x, worker);
+}
 double ExplicitSchurSolver::log_determinant() const { return reduced_->log_determinant(); }
 
 void ExplicitSchurSolver::set_rhs(std::vector<double>& rhs) const {

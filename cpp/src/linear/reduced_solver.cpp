@@ -13,6 +13,16 @@ namespace {
 // That pass between ranks.
 constexpr std::size_t kNumbersAtATime = std::size_t{1} << 16;
 
+template <class Place>
+SparseEntries entries_of(const Eigen::SparseMatrix<double>& x, const Place& place) {
+  SparseEntries entries;
+  for (int column = 0; column < x.outerSize(); ++column) {
+    for (Eigen::SparseMatrix<double>::InnerIterator e(x, column); e; ++e)
+      entries.emplace_back(place(static_cast<int>(e.row())), column, e.value());
+  }
+  return entries;
+}
+
 class DenseReducedSolver final : public ReducedSolver {
  public:
   DenseReducedSolver(const ReducedStructure& structure, const ParameterMap& map, ThreadPool& pool)
@@ -24,6 +34,10 @@ class DenseReducedSolver final : public ReducedSolver {
   }
   bool factorize() override { return cholesky_.factorize(pool_); }
   void solve_columns(Eigen::MatrixXd& x) override { cholesky_.solve(x, pool_); }
+  Eigen::MatrixXd inverse_product(const Eigen::SparseMatrix<double>& x, int) override {
+    const auto same = [](int column) { return column; };
+    return cholesky_.inverse_product(entries_of(x, same), static_cast<int>(x.cols()));
+  }
   double log_determinant() const override { return cholesky_.log_determinant(); }
 
  private:
@@ -46,7 +60,8 @@ class SparseReducedSolver final : public ReducedSolver {
       : ReducedSolver(structure.pattern, map),
         pool_(pool),
         supernodes_(structure.supernodes),
-        cholesky_(structure.supernodes) {}
+        cholesky_(structure.supernodes),
+        halves_(static_cast<std::size_t>(pool.num_threads())) {}
 
   void start(const std::vector<double>& diagonal) override {
     cholesky_.set_zero(pool_);
@@ -65,6 +80,11 @@ class SparseReducedSolver final : public ReducedSolver {
     for (int k = 0; k < map().num_columns; ++k) placed.row(place_of(k)) = x.row(k);
     cholesky_.solve(placed, pool_);
     for (int k = 0; k < map().num_columns; ++k) x.row(k) = placed.row(place_of(k));
+  }
+  Eigen::MatrixXd inverse_product(const Eigen::SparseMatrix<double>& x, int worker) override {
+    const auto place = [this](int column) { return place_of(column); };
+    return cholesky_.inverse_product(
+        entries_of(x, place), static_cast<int>(x.cols()), halves_[worker]);
   }
 
  private:
@@ -88,6 +108,7 @@ class SparseReducedSolver final : public ReducedSolver {
   ThreadPool& pool_;
   const Supernodes& supernodes_;
   SupernodalCholesky cholesky_;
+  std::vector<SupernodalCholesky::HalfSolution> halves_;  // of each thread
 };
 
 // Calls f(row, column, value), both within their variable blocks, for the entries of a camera block

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 
 #include "sfmcpp/core/exchange.hpp"
 #include "sfmcpp/core/parallel.hpp"
@@ -37,7 +38,8 @@ class ReducedSolver {
   bool solve(std::vector<double>& x);
   // The same for every column of `x`, which need not come out finite.
   virtual void solve_columns(Eigen::MatrixXd& x) = 0;
-  // Of the factorised matrix.
+  // xᵀ A⁻¹ x of the factorised matrix A, for several threads at once, each by its number.
+  virtual Eigen::MatrixXd inverse_product(const Eigen::SparseMatrix<double>& x, int worker) = 0;
   virtual double log_determinant() const = 0;
 
  protected:

@@ -295,6 +295,45 @@ void SupernodalCholesky::solve(Eigen::MatrixXd& x, ThreadPool& pool) const {
   });
 }
 
+Eigen::MatrixXd SupernodalCholesky::inverse_product(const SparseEntries& x,
+                                                    int columns,
+                                                    HalfSolution& work) const {
+  if (work.values.cols() < columns) work.values.setZero(s_.first_column.back(), columns);
+  work.reached.resize(static_cast<std::size_t>(s_.count()));
+  for (const auto& entry : x) {
+    work.values(entry.row(), entry.col()) = entry.value();
+    const auto place = std::ranges::upper_bound(s_.first_column, entry.row()) - 1;
+    work.reached[s_.of_place[place - s_.first_column.begin()]] = 1;
+  }
+  Eigen::MatrixXd product = Eigen::MatrixXd::Zero(columns, columns);
+  for (int s = 0; s < s_.count(); ++s) {
+    if (work.reached[s] == 0) continue;
+    forward(s, work, columns);
+    auto own = work.values.block(s_.columns_begin(s), 0, s_.panel[s].columns, columns);
+    product.noalias() += own.transpose() * own;
+    own.setZero();
+    work.reached[s] = 0;
+  }
+  return product;
+}
+
+// The columns of one supernode as above, for several right-hand sides.
+void SupernodalCholesky::forward(int s, HalfSolution& work, int columns) const {
+  const SupernodePanel& shape = s_.panel[s];
+  auto own = work.values.block(s_.columns_begin(s), 0, shape.columns, columns);
+  work.panel.setZero(shape.rows, columns);
+  work.panel.topRows(shape.columns) = own;
+  forward_columns(kernels_, panel(s), shape.stride, shape.columns, work.panel);
+  own = work.panel.topRows(shape.columns);
+  const std::span<const int> rows = s_.rows_of(s), offsets = s_.offsets_of(s);
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    const int first = s_.first_column[rows[k]], size = s_.first_column[rows[k] + 1] - first;
+    work.values.block(first, 0, size, columns) +=
+        work.panel.block(shape.top + offsets[k], 0, size, columns);
+    work.reached[s_.of_place[rows[k]]] = 1;
+  }
+}
+
 double SupernodalCholesky::log_determinant() const {
   double sum = 0.0;
   for (int s = 0; s < s_.count(); ++s) {

@@ -22,7 +22,7 @@ from sfmcpp.model.threads import on_threads, thread_count
 # Focal lengths that are tried, in larger sides of the image: from a fisheye to a long lens.
 _SHORTEST, _LONGEST, _NUM_COARSE, _NUM_FINE = 0.35, 4.5, 20, 7
 # Pairs with most matches, and matches of each, that are looked at: more cost time and change little.
-_MOST_PAIRS, _MOST_MATCHES, _LEAST_MATCHES = 40, 200, 30
+MOST_PAIRS, _MOST_MATCHES, _LEAST_MATCHES = 40, 200, 30
 # Errors beyond this many standard deviations lose weight.
 _LOSS_SCALE = 2.0
 _LEAST_SIGMA_PX = 1e-3
@@ -103,7 +103,7 @@ def _largest_centred_pairs(
         checked.append((pixels_1 - centre, finite_array(f"pairs[{k}][1]", b, (len(pixels_1), 2)) - centre))
     most = sorted((p for p in checked if len(p[0]) >= _LEAST_MATCHES), key=lambda p: -len(p[0]))
     rng = np.random.default_rng(seed)
-    found = (_with_fundamental(*pair, rng) for pair in most[:_MOST_PAIRS])
+    found = (_with_fundamental(*pair, rng) for pair in most[:MOST_PAIRS])
     return [pair for pair in found if pair is not None]
 
 

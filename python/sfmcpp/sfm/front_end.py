@@ -8,7 +8,8 @@ costs its own pairs only.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -175,11 +176,19 @@ class _Work:
             return self._run_tasks("features", self._features_of, photos, _MOST_DETECTORS)
 
     def pairs(self, photos: Sequence[Photo], features: Sequence[Features]) -> list[ImagePair]:
-        def choose(matcher: str) -> list[ImagePair]:
-            return choose_pairs(photos, features, matcher, seed=self.settings.seed, threads=threads)
-
-        threads = thread_count(self.settings.threads)
-        return self._run_tasks("pairs", choose, [self.settings.matcher])[0]
+        settings = self.settings
+        with self._timed("pairs"):
+            self._tell("pairs", 0, 1)
+            chosen = choose_pairs(
+                photos,
+                features,
+                settings.matcher,
+                seed=settings.seed,
+                threads=thread_count(settings.threads),
+                heed=lambda: self._tell("pairs", 0, 1),
+            )
+            self._tell("pairs", 1, 1)
+        return chosen
 
     def matches(
         self, photos: Sequence[Photo], features: Sequence[Features], pairs: Sequence[ImagePair]
@@ -282,12 +291,22 @@ class _Work:
     def _run_tasks(
         self, stage: str, function: Callable[[Task], Result], tasks: Sequence[Task], most: int | None = None
     ) -> list[Result]:
-        begin, threads = time.perf_counter(), thread_count(self.settings.threads)
-        try:
-            threads = threads if most is None else min(most, threads)
+        threads = thread_count(self.settings.threads)
+        threads = threads if most is None else min(most, threads)
+        with self._timed(stage):
             return results_in_order(function, tasks, threads, stage=stage, progress=self.progress)
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        try:
+            yield
         finally:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+    def _tell(self, stage: str, done: int, total: int) -> None:
+        if self.progress(stage, done, total):
+            raise KeyboardInterrupt(f"stopped in {stage}, {done} of {total} done")
 
 
 def _first_at_place(pixels: FloatArray) -> IndexArray:

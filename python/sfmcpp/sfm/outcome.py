@@ -24,6 +24,7 @@ from sfmcpp.sources.vision.photos import PhotoFolder
 NO_MODEL = "no model: "
 _FEW_FEATURES = 50
 _MOST_NAMED = 3
+_MOST_SIZES = 10
 
 
 def image_outcomes(graph: MatchGraph, grown: GrownModels) -> dict[str, ImageOutcome]:
@@ -156,9 +157,16 @@ def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSett
         elif missing := pairs_with_missing_matches(graph, world, settings):
             warnings.append(missing_matches_warning(graph, missing))
     if len(grown.models) > 1:
-        sizes = ", ".join(str(int(np.count_nonzero(world.registered))) for world in grown.models)
-        warnings.append(f"the images form {len(grown.models)} separate models of {sizes} images")
+        sizes = _sizes_in_words([int(np.count_nonzero(world.registered)) for world in grown.models])
+        warnings.append(f"the images form {len(grown.models)} separate models of {sizes}")
     return warnings
+
+
+def _sizes_in_words(sizes: list[int]) -> str:
+    """Sizes of models, the largest first; of many the largest and the smallest."""
+    if len(sizes) <= _MOST_SIZES:
+        return f"{', '.join(map(str, sizes))} images"
+    return f"{sizes[-1]} to {sizes[0]} images each" if sizes[0] > sizes[-1] else f"{sizes[0]} images each"
 
 
 def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:

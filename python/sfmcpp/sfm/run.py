@@ -15,6 +15,7 @@ import numpy as np
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import focal_from_pairs
+from sfmcpp.geometry.focal_from_pairs import MOST_PAIRS
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
@@ -40,7 +41,7 @@ from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import from_corner, graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.map_backup import undone_by_an_error
-from sfmcpp.sfm.match_graph import MatchGraph
+from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.outcome import (
     guessed_focal_lengths,
     image_outcomes,
@@ -306,14 +307,19 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
                 graph.features[p.first].pixels[p.verified[:, 0]] + to_centre,
                 graph.features[p.second].pixels[p.verified[:, 1]] + to_centre,
             )
-            for p in (graph.pairs[number] for number in by_camera[camera])
-            if p.geometry.kind == "general"
+            for p in _largest_general(graph, by_camera[camera])
         ]
         (width, height), seed = size.tolist(), run.settings.seed
         found = focal_from_pairs(pairs, (width, height), seed=seed) if pairs else None
         if found is not None:
             intrinsics[camera, 0] = found
     return replace(cameras, intrinsics=intrinsics)
+
+
+def _largest_general(graph: MatchGraph, numbers: Sequence[int]) -> list[Pair]:
+    """Those that a focal length is sought with: the pixels of all would be as much memory as all matches."""
+    general = [pair for pair in map(graph.pairs.__getitem__, numbers) if pair.geometry.kind == "general"]
+    return sorted(general, key=lambda pair: -int(np.count_nonzero(pair.geometry.inliers)))[:MOST_PAIRS]
 
 
 def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -> None:

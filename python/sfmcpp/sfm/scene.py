@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -38,6 +39,8 @@ class Scene:
     cameras: Cameras
     tracks: Tracks
     positions: Positions | None = None
+    # What new maps are copies of, once there is a second: most scenes are one model, which needs no other.
+    _blank: list[Map | None] = field(init=False, repr=False, default_factory=list)
 
     @classmethod
     def of(cls, graph: MatchGraph, cameras: Cameras) -> Scene:
@@ -46,6 +49,13 @@ class Scene:
 
     def new_map(self) -> Map:
         """Map of all images without a pose, whose points are the tracks, without a position."""
+        if not self._blank:
+            self._blank.append(None)
+            return self._made_map()
+        blank = self._blank[0] = self._blank[0] or self._made_map()
+        return deepcopy(blank)
+
+    def _made_map(self) -> Map:
         world, features = Map("perspective"), self.graph.features
         world.add_cameras(
             self.cameras.intrinsics,

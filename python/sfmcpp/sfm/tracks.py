@@ -84,19 +84,19 @@ def build_tracks(graph: MatchGraph) -> Tracks:
     kept, apart = _join_without_conflict(links[doubtful], strength[doubtful], image)
     track = _numbered_components(connected_parts(np.concatenate([links[~doubtful], kept]), len(image)))
     differ = track[apart[:, 0]] != track[apart[:, 1]]
-    return Tracks(begin, track, int(track.max(initial=NO_TRACK)) + 1, apart[differ])
+    return Tracks(begin, track, int(track.max(initial=NO_TRACK)) + 1, apart[differ].astype(np.intp))
 
 
-def _match_links(graph: MatchGraph, begin: Links) -> tuple[Links, NDArray[np.intp]]:
-    """(e, 2) keypoints of all verified matches, and the inliers of their pairs (e,)."""
-    pairs = [pair for pair in graph.pairs if pair.geometry.kind != "none"]
-    links = [pair.verified + begin[[pair.first, pair.second]] for pair in pairs]
-    strength = [np.full(len(some), len(some), dtype=np.intp) for some in links]
-    empty = np.empty(0, dtype=np.intp)
-    return np.concatenate([np.empty((0, 2), dtype=np.intp), *links]), np.concatenate([empty, *strength])
+def _match_links(graph: MatchGraph, begin: Links) -> tuple[IndexArray, IndexArray]:
+    """(e, 2) keypoints of all verified matches, and the inliers of their pairs (e,): many, so of 32 bits."""
+    pairs, first = [pair for pair in graph.pairs if pair.geometry.kind != "none"], begin.astype(np.int32)
+    links = [pair.verified + first[[pair.first, pair.second]] for pair in pairs]
+    strength = [np.full(len(some), len(some), dtype=np.int32) for some in links]
+    empty = np.empty(0, dtype=np.int32)
+    return np.concatenate([np.empty((0, 2), dtype=np.int32), *links]), np.concatenate([empty, *strength])
 
 
-def connected_parts(links: Links, count: int) -> NDArray[np.int32]:
+def connected_parts(links: NDArray[np.integer], count: int) -> NDArray[np.int32]:
     """The same number for those of `count` things that links (e, 2) connect, (count,)."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
@@ -115,27 +115,35 @@ def _components_with_conflict(parts: NDArray[np.int32], image: Links) -> NDArray
     return twice
 
 
-def _join_without_conflict(links: Links, strength: Links, image: Links) -> tuple[Links, Links]:
+def _join_without_conflict(
+    links: IndexArray, strength: IndexArray, image: Links
+) -> tuple[IndexArray, IndexArray]:
     """Links that join, and those set apart; the strongest come first."""
-    root: dict[int, int] = {}
-    sees: dict[int, set[int]] = {}
-
-    def find(keypoint: int) -> int:
-        while (above := root.setdefault(keypoint, keypoint)) != keypoint:
-            root[keypoint] = root.setdefault(above, above)
-            keypoint = root[keypoint]
-        return keypoint
-
+    order = np.argsort(-strength, kind="stable")
+    keypoints, ends = np.unique(links[order], return_inverse=True)
+    root = list(range(len(keypoints)))
+    own, sees = image[keypoints].tolist(), dict[int, set[int]]()
     joins = np.zeros(len(links), dtype=np.bool_)
-    for place in np.argsort(-strength, kind="stable").tolist():
-        first, second = (find(int(keypoint)) for keypoint in links[place])
-        a, b = (sees.setdefault(top, {int(image[top])}) for top in (first, second))
-        joins[place] = first == second or a.isdisjoint(b)
-        if joins[place] and first != second:
-            big, small = (first, second) if len(a) >= len(b) else (second, first)
-            root[small] = big
-            sees[big] |= sees.pop(small)
+    for place, (first, second) in zip(order.tolist(), ends.reshape(-1, 2).tolist(), strict=True):
+        a, b = _root_of(root, first), _root_of(root, second)
+        of_a, of_b = sees.get(a) or {own[a]}, sees.get(b) or {own[b]}
+        joins[place] = a == b or of_a.isdisjoint(of_b)
+        if joins[place] and a != b:
+            if len(of_a) < len(of_b):
+                a, b, of_a, of_b = b, a, of_b, of_a
+            root[b] = a
+            of_a |= of_b
+            sees[a] = of_a
+            sees.pop(b, None)
     return links[joins], links[~joins]
+
+
+def _root_of(root: list[int], place: int) -> int:
+    """Follow `root` to its end, and shorten the way."""
+    while (above := root[place]) != place:
+        root[place] = root[above]
+        place = above
+    return place
 
 
 def _numbered_components(parts: NDArray[np.int32]) -> IndexArray:

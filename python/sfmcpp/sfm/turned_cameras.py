@@ -8,10 +8,11 @@ there one focal length and distortion make rotations of the rays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.geometry import two_view_geometry
 from sfmcpp.geometry.pinhole import PINHOLE, homogeneous, inverse_calibration, to_normalised, unit
@@ -33,6 +34,8 @@ _PAIRS = 20
 _FEWEST = 2
 # Part of the pairs of a camera that must be rotations, and how much worse these may fit than homographies.
 _MOST, _WORSE = 0.9, 1.5
+# Of a sample of so many pairs, so much must be: of thousands that moved, not a tenth need be tried.
+_SAMPLE, _OF_SAMPLE = 40, 0.5
 # No matches are better; without noise, both errors are rounding [px].
 _LEAST_ERROR_PX = 0.1
 
@@ -119,21 +122,42 @@ def _if_rotations(
 ) -> list[Pair]:
     """The pairs verified with these intrinsics; nothing if rotations have less than `_MOST` of the weight.
 
-    Pairs of most weight come first: where a camera has moved, the first few tell.
+    A sample comes first, then pairs of most weight: where a camera has moved, the first few tell.
     """
     turned = list(pairs)
-    most, threads = int(weights.sum()), thread_count()
+    most = int(weights.sum())
     least = _MOST * most
     order = np.argsort(-weights, kind="stable")
-    for begin in range(0, len(order), threads):
-        some = order[begin : begin + threads]
-        again = on_threads(lambda number: _verified_again(graph, pairs[number], row), some.tolist(), threads)
-        for number, pair in zip(some, again, strict=True):
-            turned[number] = pair
-            most -= int(weights[number]) * (pair.geometry.kind != "rotation")
-        if most < least:
+    sample = _spread_over_weight(order, weights)
+    first = np.unique(sample)
+    in_turn = [*first.tolist(), *order[~np.isin(order, first)].tolist()]
+    for tried, (number, pair) in enumerate(_verified_with(graph, pairs, in_turn, row), start=1):
+        turned[number] = pair
+        most -= int(weights[number]) * (pair.geometry.kind != "rotation")
+        if most < least or (tried == len(first) and _part_of_rotations(turned, sample) < _OF_SAMPLE):
             return []
     return turned
+
+
+def _spread_over_weight(order: NDArray[np.integer], weights: IndexArray) -> NDArray[np.integer]:
+    """(s,) numbers of pairs, spread evenly over the weight of all in an order; heavy ones several times."""
+    ends = np.cumsum(weights[order])
+    return np.asarray(order[np.searchsorted(ends, (np.arange(_SAMPLE) + 0.5) / _SAMPLE * ends[-1])])
+
+
+def _part_of_rotations(pairs: Sequence[Pair], numbers: NDArray[np.integer]) -> float:
+    return float(np.mean([pairs[number].geometry.kind == "rotation" for number in numbers]))
+
+
+def _verified_with(
+    graph: MatchGraph, pairs: Sequence[Pair], numbers: Sequence[int], row: FloatArray
+) -> Iterator[tuple[int, Pair]]:
+    """Pairs by their numbers in turn, verified with these intrinsics a few at a time."""
+    threads = thread_count()
+    for begin in range(0, len(numbers), threads):
+        some = numbers[begin : begin + threads]
+        again = on_threads(lambda number: _verified_again(graph, pairs[number], row), some, threads)
+        yield from zip(some, again, strict=True)
 
 
 def _matches_of(graph: MatchGraph, pair: Pair) -> _Matches:

@@ -17,9 +17,9 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.atomic import atomic_files
 
 COVARIANCE_SUFFIXES = (".csv", ".npz")
-# Free parameters of cameras beyond which no inverse of all is held, and each block is a solve.
-MOST_COLUMNS = 4000
-# Points times these parameters: some ten seconds of one processor.
+# Free parameters of cameras: n³/3 operations of n that all meet, minutes of one processor; seconds elsewhere.
+MOST_COLUMNS = 20_000
+# Points times these parameters: some ten seconds of one processor, more where each point is a solve.
 MOST_PRODUCTS = 20_000_000
 
 

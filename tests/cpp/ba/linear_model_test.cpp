@@ -100,6 +100,34 @@ TEST_P(LinearModelOf, LeveragesAndHatsAddUpToWhatIsDetermined) {
   EXPECT_NEAR(used, model.num_determined(), 1e-5);
 }
 
+// Few blocks come from the factor, all of them, points with cameras, from the inverse.
+TEST_P(LinearModelOf, BlocksAreThoseOfTheWholeCovarianceForEveryNumberOfThreads) {
+  const OwnedProblem owned = scene();
+  for (Gauge gauge : {Gauge::kFixed, Gauge::kFree}) {
+    for (int blocks : {2, 40}) {
+      std::vector<double> reference;
+      for (int threads : {1, 2, 3}) {
+        SolveOptions options;
+        options.gauge = gauge;
+        options.num_threads = threads;
+        LinearModel model(owned.view(), options);
+        const int points = model.num_camera_columns(), width = 3;
+        std::vector<int> columns{0, -1, 2};
+        for (int k = 1; k < std::min(blocks, (model.num_columns() - points) / 3); ++k)
+          for (int row = 0; row < 3; ++row) columns.push_back(points + 3 * k + row);
+        std::vector<double> found(columns.size() * width);
+        model.covariance_blocks(columns, width, found.data());
+        if (threads == 1) reference = found;
+        EXPECT_EQ(found, reference) << threads << " threads";
+        const Eigen::Map<const MatrixXd> last(&found[found.size() - 9], 3, 3);
+        const MatrixXd expected = model.covariance(std::span(columns).last(3));
+        EXPECT_LT((last - expected).norm(), 1e-9 * expected.norm());
+        EXPECT_EQ(found[4], 0.0);
+      }
+    }
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(Metric,
                          LinearModelOf,
                          testing::Values(CameraModelId::kCalibrated,

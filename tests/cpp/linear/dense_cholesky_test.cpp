@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include "support/instruction_sets.hpp"
+#include "support/random_blocks.hpp"
 
 namespace sfmcpp::linear::cholesky_test {
 namespace {
@@ -72,6 +73,26 @@ TEST_P(DenseCholeskySizes, HasTheSameBitsForEveryNumberOfThreads) {
     ASSERT_TRUE(solve_dense(a, x, pool));
     if (threads == 1) reference = x;
     EXPECT_EQ(x, reference) << threads << " threads";
+  }
+}
+
+TEST_P(DenseCholeskySizes, GivesProductsWithTheInverseOfSparseColumns) {
+  const int n = GetParam();
+  ThreadPool pool(1);
+  const MatrixXd a = random_spd(n, 6);
+  DenseCholesky cholesky(n);
+  cholesky.set_zero(pool);
+  for (int c = 0; c < n; ++c) {
+    for (int r = c; r < n; ++r) cholesky.at(r, c) = a(r, c);
+  }
+  ASSERT_TRUE(cholesky.factorize(pool));
+  for (int first : {0, n / 2, n - 1}) {
+    MatrixXd b = MatrixXd::Zero(n, 2);
+    b(first, 0) = 2.0;
+    b(n - 1, 1) = 1.0;
+    const MatrixXd found = cholesky.inverse_product(support::entries_of(b), 2);
+    const MatrixXd expected = b.transpose() * a.llt().solve(b);
+    EXPECT_LT((found - expected).norm(), 1e-12 * expected.norm()) << first;
   }
 }
 

@@ -123,6 +123,29 @@ TEST(SupernodalCholesky, SolvesForManyColumnsAndKnowsTheDeterminant) {
   }
 }
 
+// The work space is that of one product after the other, of fewer and of more columns.
+TEST(SupernodalCholesky, GivesProductsWithTheInverseOfSparseColumns) {
+  ThreadPool pool(2);
+  for (const auto& [name, graph] : patterns()) {
+    const MatrixXd a = support::matrix_of(graph, 8);
+    Factored factored(graph);
+    ASSERT_TRUE(factored.factorize(a, pool));
+    const auto n = static_cast<int>(a.rows());
+    SupernodalCholesky::HalfSolution work;
+    for (int columns : {2, 3, 1}) {
+      MatrixXd b = MatrixXd::Zero(n, columns);
+      for (int c = 0; c < columns; ++c) b(n * c / columns, c) = 1.0 + c;
+      b(n - 1, 0) += 0.5;
+      const MatrixXd placed = factored.placed(b);
+      const MatrixXd found =
+          factored.cholesky.inverse_product(support::entries_of(placed), columns, work);
+      const MatrixXd expected = b.transpose() * a.llt().solve(b);
+      EXPECT_LT((found - expected).norm(), 1e-12 * expected.norm()) << name << ", " << columns;
+      EXPECT_EQ(found, MatrixXd(found.transpose()));
+    }
+  }
+}
+
 TEST(SupernodalCholesky, FactorsSeveralMatricesOfOnePatternAndRefusesThoseNotPositiveDefinite) {
   ThreadPool pool(2);
   for (const auto& [name, graph] : patterns()) {

@@ -8,6 +8,7 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/linear/block_ordering.hpp"
+#include "sfmcpp/linear/dense_cholesky.hpp"
 
 namespace sfmcpp::support {
 
@@ -62,6 +63,17 @@ inline Eigen::MatrixXd matrix_of(const linear::BlockGraph& graph, unsigned seed)
   for (const auto& [a, b] : graph.edges) fill(a, b);
   for (int k = 0; k < matrix.rows(); ++k) matrix(k, k) = matrix.row(k).cwiseAbs().sum() + 0.5;
   return matrix;
+}
+
+// What a matrix has that is not zero, column by column.
+inline linear::SparseEntries entries_of(const Eigen::MatrixXd& matrix) {
+  linear::SparseEntries entries;
+  for (int c = 0; c < matrix.cols(); ++c) {
+    for (int r = 0; r < matrix.rows(); ++r) {
+      if (matrix(r, c) != 0.0) entries.emplace_back(r, c, matrix(r, c));
+    }
+  }
+  return entries;
 }
 
 }  // namespace sfmcpp::support

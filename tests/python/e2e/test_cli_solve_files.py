@@ -191,6 +191,7 @@ def test_covariances_that_would_take_too_long_are_left_out_or_refused_before_the
     assert "of cameras alone: the points are too many" in result.stdout
     assert [row["kind"] for row in rows_of(table)] == ["camera"] * 6
     table.unlink()
+    assert covariance_files.MOST_COLUMNS >= 6 * 3_000  # three thousand cameras
     monkeypatch.setattr(covariance_files, "MOST_COLUMNS", 35)
     result = run_here("solve", source, "--covariances", table)
     assert result.returncode == 2

@@ -128,9 +128,10 @@ class LinearModel {
   const Eigen::MatrixXd& inverse();
   SparseColumns reduced(std::span<const int> columns) const;
   Eigen::MatrixXd solve(const SparseColumns& rhs) const;
-  Eigen::MatrixXd covariance(std::span<const int> columns,
-                             const SparseColumns& rhs,
-                             const Eigen::MatrixXd& solution) const;
+  void add_points(std::span<const int> columns, Eigen::MatrixXd& covariance) const;
+  Eigen::MatrixXd in_the_gauge(std::span<const int> columns,
+                               Eigen::MatrixXd covariance,
+                               const Eigen::MatrixXd& among_unseen) const;
   Eigen::MatrixXd hat_with_points(const ConstraintRows& group);
   Eigen::MatrixXd hat_of_cameras(const ConstraintRows& group);
   void solve_all(Eigen::MatrixXd& camera, Eigen::MatrixXd& point);

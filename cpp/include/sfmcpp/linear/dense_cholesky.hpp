@@ -7,6 +7,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
@@ -73,6 +74,17 @@ bool factor_panel(const CholeskyKernels& kernels,
                   ThreadPool* pool,
                   ProductScratch* scratch);
 
+// The forward solve of the kernels for every column of x (rows by columns, column-major without
+// gaps): parts of l that the cache holds meet them all. With the bits of one column by itself.
+void forward_columns(const CholeskyKernels& kernels,
+                     const double* l,
+                     long ld,
+                     int columns,
+                     Eigen::Ref<Eigen::MatrixXd> x);
+
+// Entries of sparse right-hand sides.
+using SparseEntries = std::vector<Eigen::Triplet<double>>;
+
 // A symmetric positive definite matrix by its lower triangle, column-major, and its factorisation
 // in place. Rows are padded to whole strips, the leading dimension to an odd number of cache lines
 // (a power of two would map whole rows to a few sets of the cache).
@@ -99,6 +111,8 @@ class DenseCholesky {
   void solve(std::span<double> x) const;
   // The same for every column.
   void solve(Eigen::MatrixXd& x, ThreadPool& pool) const;
+  // xᵀ A⁻¹ x = BᵀB with B = L⁻¹ x, by one thread: half a solve, from the first entry of x on.
+  Eigen::MatrixXd inverse_product(const SparseEntries& x, int columns) const;
   double log_determinant() const;
 
  private:

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 
 #include "sfmcpp/linear/linear_solver.hpp"
 #include "sfmcpp/linear/point_elimination.hpp"
@@ -38,6 +39,8 @@ class ExplicitSchurSolver final : public LinearSolver {
   bool factorize(const Damping& damping);
   bool solve_reduced(std::vector<double>& x);
   void solve_reduced(Eigen::MatrixXd& x);  // every column
+  // xᵀ S⁻¹ x, for several threads of the pool at once, each by its number.
+  Eigen::MatrixXd inverse_product(const Eigen::SparseMatrix<double>& x, int worker);
   double log_determinant() const;
   const PointElimination& elimination() const { return elimination_; }
 

@@ -92,6 +92,16 @@ class SupernodalCholesky {
   void solve(std::span<double> x, ThreadPool& pool) const;
   // The same for every column.
   void solve(Eigen::MatrixXd& x, ThreadPool& pool) const;
+
+  // Of one thread, for products with the inverse; zero between two of them.
+  struct HalfSolution {
+    Eigen::MatrixXd values;     // in the order of elimination
+    std::vector<char> reached;  // supernodes
+    Eigen::MatrixXd panel;
+  };
+  // xᵀ A⁻¹ x = BᵀB with B = L⁻¹ x, in the order of elimination, by one thread. Only the supernodes
+  // from the entries of x to the root take part.
+  Eigen::MatrixXd inverse_product(const SparseEntries& x, int columns, HalfSolution& work) const;
   double log_determinant() const;
 
  private:
@@ -120,6 +130,7 @@ class SupernodalCholesky {
   };
   void forward(int supernode, double* x, Outside* outside, std::vector<double>& y) const;
   void backward(int supernode, double* x, std::vector<double>& y) const;
+  void forward(int supernode, HalfSolution& work, int columns) const;
 
   const Supernodes& s_;
   CholeskyKernels kernels_;

@@ -116,9 +116,11 @@ def require_few_pixels(file: Path, width: int, height: int) -> None:
 
 
 def is_picture(file: Path) -> bool:
-    """Whether a file's name says that it is an image."""
+    """Whether a file's name says that it is an image; a link to a file that is gone counts."""
     # Some systems leave a hidden companion, ._name.png, beside each file.
-    return file.suffix.lower() in PICTURES and not file.name.startswith(".") and file.is_file()
+    if file.suffix.lower() not in PICTURES or file.name.startswith("."):
+        return False
+    return file.is_file() or (file.is_symlink() and not file.exists())
 
 
 def holds_photos(path: Path) -> bool:

@@ -13,7 +13,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.checks import looked_up, require_count, require_seed
 from sfmcpp.model.photos import Features, Photo, natural_order, words_and_numbers
 from sfmcpp.sensors import east_north_up
-from sfmcpp.sources.vision.retrieval import IndexPair, alike_pairs
+from sfmcpp.sources.vision.retrieval import Heed, IndexPair, alike_pairs, nothing
 
 _Words = list[tuple[int, str]]
 
@@ -41,6 +41,7 @@ class _Choice:
     neighbours: int
     seed: int
     threads: int
+    heed: Heed
 
     def alike(
         self, queries: Sequence[int] | None = None, known: set[IndexPair] | None = None
@@ -53,6 +54,7 @@ class _Choice:
                 known=known or set(),
                 seed=self.seed,
                 threads=self.threads,
+                heed=self.heed,
             )
         )
 
@@ -66,6 +68,7 @@ def choose_pairs(
     overlap: int = 10,
     neighbours: int = 30,
     threads: int = 0,
+    heed: Heed = nothing,
 ) -> list[IndexPair]:
     """Choose the pairs of photos that are worth matching.
 
@@ -92,6 +95,8 @@ def choose_pairs(
         Those nearest, or most alike, for each photo at most.
     threads : int
         How many to use; 0: all. The result is the same.
+    heed : callable
+        Called between parts of the work, within seconds; what it raises ends it.
 
     Returns
     -------
@@ -110,7 +115,7 @@ def choose_pairs(
     require_count("neighbours", neighbours)
     if len(features) != len(photos):
         raise InvalidArgument(f"features: of {len(features)} images, must be of {len(photos)} as photos")
-    return sorted(way(_Choice(photos, features, overlap, neighbours, seed, threads)))
+    return sorted(way(_Choice(photos, features, overlap, neighbours, seed, threads, heed)))
 
 
 def _exhaustive(choice: _Choice) -> set[IndexPair]:

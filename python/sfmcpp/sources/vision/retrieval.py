@@ -11,7 +11,8 @@ motion", 3DV 2013).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
 IndexPair = tuple[int, int]
+# Called between parts of long work, which ends by what it raises.
+Heed = Callable[[], None]
 
 # Largest features of an image whose words are taken, and of which matches are tried.
 _FEATURES_IN_WORDS, _FEATURES_TRIED = 1000, 500
@@ -48,6 +51,10 @@ _FEWEST_NEIGHBOURS = 3
 _BATCH = 256
 
 
+def nothing() -> None:
+    """Heed nothing."""
+
+
 def alike_pairs(
     features: Sequence[Features],
     neighbours: int,
@@ -56,6 +63,7 @@ def alike_pairs(
     known: Collection[IndexPair] = (),
     seed: int = 0,
     threads: int = 0,
+    heed: Heed = nothing,
 ) -> list[IndexPair]:
     """Pair images with those that look most like them.
 
@@ -75,6 +83,8 @@ def alike_pairs(
         Same seed, same result.
     threads : int
         How many to use; 0: all. The result is the same.
+    heed : callable
+        Called between parts of the work, within seconds; what it raises ends it.
 
     Returns
     -------
@@ -87,11 +97,11 @@ def alike_pairs(
         If descriptors of the images are of different length.
     """
     require_count("neighbours", neighbours, 0)
-    words = bags_of_words(features, seed=seed, threads=threads)
+    words = bags_of_words(features, seed=seed, threads=threads, heed=heed)
     asked = range(len(features)) if queries is None else queries
     ranked = _ranked_images(words, asked, _CANDIDATES * neighbours, known)
     tried = sorted({_pair(image, other) for image, others in ranked.items() for other in others})
-    alike = dict(zip(tried, _common_matches(features, tried, threads), strict=True))
+    alike = dict(zip(tried, _common_matches(features, tried, threads, heed), strict=True))
     found: set[IndexPair] = set()
     for image, others in ranked.items():
         # Of equally many matches those first that have more words in common.
@@ -101,7 +111,9 @@ def alike_pairs(
     return sorted(found)
 
 
-def bags_of_words(features: Sequence[Features], *, seed: int = 0, threads: int = 0) -> csr_matrix:
+def bags_of_words(
+    features: Sequence[Features], *, seed: int = 0, threads: int = 0, heed: Heed = nothing
+) -> csr_matrix:
     """Weights of words in each image.
 
     Parameters
@@ -112,6 +124,8 @@ def bags_of_words(features: Sequence[Features], *, seed: int = 0, threads: int =
         Same seed, same result.
     threads : int
         How many to use; 0: as many as gain from it. The result is the same.
+    heed : callable
+        Called between parts of the work, within seconds; what it raises ends it.
 
     Returns
     -------
@@ -130,9 +144,10 @@ def bags_of_words(features: Sequence[Features], *, seed: int = 0, threads: int =
         raise InvalidArgument("features: have descriptors of different length, must have one")
     if not any(of_image.descriptors.size for of_image in features):
         return csr_matrix((len(features), 1))
-    vocabulary = _vocabulary_of(features, seed, threads)
+    vocabulary = _vocabulary_of(features, seed, threads, heed)
     starts, words, times = [0], [], []
     for of_image in features:
+        heed()
         word, time = _words_in(of_image, vocabulary, threads)
         starts.append(starts[-1] + len(word))
         words.append(word)
@@ -144,7 +159,9 @@ def bags_of_words(features: Sequence[Features], *, seed: int = 0, threads: int =
     return _of_unit_rows(csr_matrix((data, columns, starts), (len(features), len(vocabulary))))
 
 
-def train_vocabulary(descriptors: Descriptors, words: int, *, seed: int = 0, threads: int = 0) -> Descriptors:
+def train_vocabulary(
+    descriptors: Descriptors, words: int, *, seed: int = 0, threads: int = 0, heed: Heed = nothing
+) -> Descriptors:
     """Cluster descriptors by k-means.
 
     Parameters
@@ -157,6 +174,8 @@ def train_vocabulary(descriptors: Descriptors, words: int, *, seed: int = 0, thr
         Chooses the descriptors to start from.
     threads : int
         How many to use; 0: as many as gain from it. The result is the same.
+    heed : callable
+        Called between parts of the work, within seconds; what it raises ends it.
 
     Returns
     -------
@@ -174,6 +193,7 @@ def train_vocabulary(descriptors: Descriptors, words: int, *, seed: int = 0, thr
     means = np.ascontiguousarray(descriptors[order[np.sort(firsts)[:words]]])
     values, columns = descriptors.astype(np.float64), np.arange(len(descriptors))
     for _ in range(_PASSES):
+        heed()
         nearest = _core.nearest_of_first(descriptors, means, threads)[0]
         members = csr_matrix((np.ones(len(values)), (nearest, columns)), (len(means), len(values)))
         sums: FloatArray = np.asarray(members @ values)
@@ -183,7 +203,7 @@ def train_vocabulary(descriptors: Descriptors, words: int, *, seed: int = 0, thr
     return means
 
 
-def _vocabulary_of(features: Sequence[Features], seed: int, threads: int) -> Descriptors:
+def _vocabulary_of(features: Sequence[Features], seed: int, threads: int, heed: Heed) -> Descriptors:
     """Words taught by some of the largest features of every image."""
     described = [of_image for of_image in features if of_image.descriptors.size]
     total = sum(min(len(of_image), _FEATURES_IN_WORDS) for of_image in described)
@@ -194,7 +214,7 @@ def _vocabulary_of(features: Sequence[Features], seed: int, threads: int) -> Des
     for of_image in described:
         largest = _descriptors_of_largest(of_image, _FEATURES_IN_WORDS)
         teachers.append(largest[rng.permutation(len(largest))[: int(np.ceil(share * len(largest)))]])
-    return train_vocabulary(np.concatenate(teachers), words, seed=seed, threads=threads)
+    return train_vocabulary(np.concatenate(teachers), words, seed=seed, threads=threads, heed=heed)
 
 
 def _words_in(
@@ -241,7 +261,9 @@ def _ranked_images(
     return found
 
 
-def _common_matches(features: Sequence[Features], pairs: list[IndexPair], threads: int) -> list[int]:
+def _common_matches(
+    features: Sequence[Features], pairs: list[IndexPair], threads: int, heed: Heed
+) -> list[int]:
     """Matches of the largest features for each of the pairs."""
     wanted = sorted({image for pair in pairs for image in pair})
     largest = {image: _descriptors_of_largest(features[image], _FEATURES_TRIED) for image in wanted}
@@ -249,7 +271,12 @@ def _common_matches(features: Sequence[Features], pairs: list[IndexPair], thread
     def count(pair: IndexPair) -> int:
         return len(match(largest[pair[0]], largest[pair[1]], threads=1))
 
-    return list(on_threads(count, pairs, threads or _core.usable_cores()))
+    found = []
+    with closing(on_threads(count, pairs, threads or _core.usable_cores())) as counts:
+        for matches in counts:
+            heed()
+            found.append(matches)
+    return found
 
 
 def _pair(image: int, other: int) -> IndexPair:

@@ -108,11 +108,13 @@ def _top_view(report: SfmReport) -> str:
     if world is None:
         return ""
     poses = world.poses[world.registered]
-    turn = np.eye(3) if report.run.gps is not None else turn_upright(poses)
+    is_placed = report.run.gps is not None
+    turn = np.eye(3) if is_placed else turn_upright(poses)
     colors = world.point_colors[world.known]
     if not colors.any():
         colors = np.full_like(colors, 128)
     picture = top_view(world.points[world.known] @ turn.T, colors, poses[:, :, 3] @ turn.T)
     image = f'<img src="{data_uri("image/png", png_bytes(picture))}" alt="top view of the model">'
-    words = "top view, cameras in orange; click for the 3-D view"
+    guessed = "" if is_placed else " (up as the cameras suggest)"
+    words = f"top view{guessed}, cameras in orange; click for the 3-D view"
     return f'<a class="plan" href="{VIEW}">{image}<span>{words}</span></a>'

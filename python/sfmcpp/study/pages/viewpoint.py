@@ -11,6 +11,11 @@ _TOPS, _DOWN = 0.05, 0.025
 # Share of the points at either end of each axis that a view need not show.
 _FAR = 0.05
 _PARALLEL = 1e-6
+_STRAIGHT = 0.9
+# x axes of cameras are parallel if they leave so little in any other direction: a tenth of a radian or so.
+_SQUARE_OF_PARALLEL = 0.02
+# Centres lie in a plane if the variance across it is so much of the lesser in it, that so much of the other.
+_ACROSS_PLANE, _ACROSS_LINE = 0.1, 0.01
 # Cameras that are asked for their nearest neighbour, at most.
 _ASKED = 500
 
@@ -19,18 +24,43 @@ def turn_upright(cameras: FloatArray) -> FloatArray:
     """Rotation from the world to x right, y ahead, z up, estimated from cameras (K, 3, 4) ``[R | c]``.
 
     People and drones keep the long side of an image level: up is what is most nearly orthogonal to the
-    cameras' x axes; where all are parallel, it is where their tops point, or what is behind cameras that look
-    down. Ahead is where they look in the mean.
+    cameras' x axes. Where all of these are parallel, it is across the plane of the centres, as of a flight
+    that keeps its heading; without such a plane where the tops of the cameras point, or what is behind
+    cameras that look down. Ahead is where they look in the mean, or where the tops of those point that look
+    down.
     """
     if not len(cameras):
         return np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     right, down, ahead = np.moveaxis(cameras[:, :, :3], 2, 0)
     tops, behind = -down.mean(axis=0), -ahead.mean(axis=0)
-    spread = right.T @ right / len(right) - _TOPS * np.outer(tops, tops) - _DOWN * np.outer(behind, behind)
-    up = np.linalg.eigh(spread)[1][:, 0]
+    level = right.T @ right / len(right)
+    plane = _plane_normal(cameras[:, :, 3])
+    if plane is not None and _is_upright(plane, level):
+        up = plane
+    else:
+        up = np.linalg.eigh(level - _TOPS * np.outer(tops, tops) - _DOWN * np.outer(behind, behind))[1][:, 0]
     if up @ (tops + 0.5 * behind) < 0:
         up = -up
-    return _upright_axes(up, -behind, -down[0], ahead[0])
+    # Of cameras that look straight down, the little that they look aside is any direction.
+    looks_down = up @ behind > _STRAIGHT * np.linalg.norm(behind)
+    return _upright_axes(up, *([tops] if looks_down else []), -behind, -down[0], ahead[0])
+
+
+def _plane_normal(centres: FloatArray) -> FloatArray | None:
+    """Unit normal of the plane in which most of the spread of centres (K, 3) is; None if there is none."""
+    away = centres - centres.mean(axis=0)
+    variances, axes = np.linalg.eigh(away.T @ away / len(away))
+    across, least, most = variances
+    if least <= _ACROSS_LINE * most or across > _ACROSS_PLANE * least:
+        return None
+    return np.asarray(axes[:, 0])
+
+
+def _is_upright(normal: FloatArray, level: FloatArray) -> bool:
+    """Whether the x axes, of mean square (3, 3) `level`, are parallel, and orthogonal to a normal."""
+    return bool(
+        np.linalg.eigvalsh(level)[1] < _SQUARE_OF_PARALLEL and normal @ level @ normal < _SQUARE_OF_PARALLEL
+    )
 
 
 def view_from_world(cameras: FloatArray) -> FloatArray:

@@ -202,6 +202,19 @@ def test_a_run_that_was_stopped_in_any_stage_goes_on_where_it_was(
     assert_same(graph, graph_of(folder))
 
 
+def test_a_stop_is_heeded_while_pairs_are_chosen(tmp_path: Path) -> None:
+    told: list[str] = []
+
+    def progress(stage: str, done: int, total: int) -> bool:
+        told.append(stage)
+        return told.count("pairs") == 3
+
+    settings = FrontEndSettings(SETTINGS.features, "retrieval")
+    with pytest.raises(KeyboardInterrupt, match="stopped in pairs, 0 of 1 done"):
+        graph_of(write_set(tmp_path, 3), settings=settings, progress=progress)
+    assert told.count("pairs") == 3
+
+
 def test_a_cache_that_cannot_be_written_is_named_and_costs_no_photo(tmp_path: Path) -> None:
     photos, cache = write_set(tmp_path / "photos", 2), tmp_path / "cache"
     graph_of(photos, cache)

@@ -37,3 +37,18 @@ def test_a_guess_does_not_depend_on_where_pixels_are_counted_from(
     found = reconstruct(tracks_from(share_of_size * SIZE), shared_camera="one")
     assert found.num_registered == 5
     assert guesses == [pytest.approx(FOCAL_PX, rel=0.02)]
+
+
+def test_of_many_pairs_the_pixels_of_those_with_most_matches_are_collected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[int] = []
+
+    def noted(pairs: list[tuple[FloatArray, FloatArray]], *_: object, **__: object) -> None:
+        told.extend(len(first) for first, _ in pairs)
+
+    monkeypatch.setattr(sfm_run, "focal_from_pairs", noted)
+    monkeypatch.setattr(sfm_run, "MOST_PAIRS", 3)
+    found = reconstruct(tracks_from(np.zeros(2)), shared_camera="one")
+    general = [len(pair.verified) for pair in found.graph.pairs if pair.geometry.kind == "general"]
+    assert told == sorted(general, reverse=True)[:3]

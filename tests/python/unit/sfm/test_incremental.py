@@ -19,6 +19,7 @@ from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.cameras import Cameras, cameras_of
 from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.incremental import GrownModels, grow_models
+from sfmcpp.sfm.outcome import warnings_of
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.structure import Sightings
@@ -115,6 +116,35 @@ def test_photos_of_two_places_become_two_models_and_none_is_lost() -> None:
     counts = [int(world.registered.sum()) for world in found.models]
     assert counts == [8, 5]
     assert (found.models[0].registered ^ found.models[1].registered).all()
+
+
+def test_maps_after_the_first_are_made_once_and_are_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph, made = match_graph(truth_of(3, 60)), []
+    scene = Scene.of(graph, known_cameras(graph, truth_of(3, 60)))
+    add_images = Map.add_images
+    monkeypatch.setattr(Map, "add_images", lambda world, *a, **k: made.append(add_images(world, *a, **k)))
+    worlds = [scene.new_map() for _ in range(4)]
+    assert len(made) == 2
+    for world in worlds[1:]:
+        np.testing.assert_array_equal(world.keypoint_points, worlds[0].keypoint_points)
+        assert not world.registered.any()
+        world.poses[:] = 0.0
+        world.forget([0, 1])
+
+
+def test_sizes_of_many_models_are_told_by_the_largest_and_the_smallest() -> None:
+    graph = match_graph(truth_of(4, 60))
+    scene = Scene.of(graph, known_cameras(graph, truth_of(4, 60)))
+
+    def warning(counts: list[int]) -> str:
+        worlds = [scene.new_map() for _ in counts]
+        for world, count in zip(worlds, counts, strict=True):
+            world.poses[:count] = np.eye(3, 4)
+        return warnings_of(graph, GrownModels(worlds), IncrementalSettings())[-1]
+
+    assert warning([4, 3, 2]) == "the images form 3 separate models of 4, 3, 2 images"
+    assert warning([4, *[3] * 9, 2]) == "the images form 11 separate models of 2 to 4 images each"
+    assert warning([3] * 11) == "the images form 11 separate models of 3 images each"
 
 
 def test_images_that_no_model_was_started_with_are_told_of(monkeypatch: pytest.MonkeyPatch) -> None:

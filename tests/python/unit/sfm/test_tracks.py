@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from sfmcpp.geometry import TwoViewGeometry
@@ -73,6 +75,28 @@ def test_tracks_agree_with_a_search_through_the_matches() -> None:
             numbers = {int(tracks.track[tracks.begin[image] + point]) for image in part}
             assert len(numbers) == 1
             assert (numbers == {NO_TRACK}) == (len(part) == 1)
+
+
+def test_long_tracks_of_strong_pairs_take_in_what_fits_them() -> None:
+    """Against a union of sets, one match after the other."""
+    random = np.random.default_rng(5)
+    pairs = {}
+    for i, j in combinations(range(8), 2):
+        wrong = random.integers(0, 12, (3, 2))
+        same = np.repeat(np.flatnonzero(random.random(12) < 0.7)[:, None], 2, axis=1)
+        matches = np.concatenate([same, wrong])
+        first = np.unique(matches[:, 0], return_index=True)[1]
+        pairs[i, j] = [(int(a), int(b)) for a, b in matches[np.sort(first)]]
+    tracks = build_tracks(graph_of([12] * 8, pairs))
+    sets = {k: {k} for k in range(96)}
+    for i, j in sorted(pairs, key=lambda pair: -len(pairs[pair])):
+        for a, b in pairs[i, j]:
+            one, other = sets[12 * i + a], sets[12 * j + b]
+            if one is not other and {k // 12 for k in one}.isdisjoint(k // 12 for k in other):
+                sets.update(dict.fromkeys(one | other, one | other))
+    for k in range(96):
+        members = set(np.flatnonzero(tracks.track == tracks.track[k]).tolist())
+        assert sets[k] == ({k} if tracks.track[k] == NO_TRACK else members)
 
 
 def test_nothing_matched_gives_no_tracks() -> None:

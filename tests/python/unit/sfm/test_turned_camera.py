@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import sfmcpp
 from sfm_scenes import SIZE, match_graph
 from sfmcpp.geometry import so3
-from sfmcpp.sfm import SfmRun, reconstruct
+from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sfm import MatchGraph, Pair, SfmRun, reconstruct
 from sfmcpp.sfm.cameras import cameras_of
 from sfmcpp.sfm.turned_cameras import with_turned_cameras
 from sfmcpp.study import SfmReport
@@ -90,6 +93,20 @@ def test_one_that_moves_along_a_plane_is_not_taken_for_one_that_turned(step: flo
     guessed = cameras_of(graph.photos)
     assert guessed.guessed.all()
     assert {pair.geometry.kind for pair in with_turned_cameras(graph, guessed).pairs} == kinds
+
+
+def test_of_many_pairs_a_sample_tells_that_the_camera_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = match_graph(panorama(0.3), sigma_px=0.3, known=False)
+    many = replace(graph, pairs=graph.pairs * (3000 // len(graph.pairs)))
+    tried: list[Pair] = []
+
+    def noted(graph: MatchGraph, pair: Pair, row: FloatArray) -> Pair:
+        tried.append(pair)
+        return pair
+
+    monkeypatch.setattr("sfmcpp.sfm.turned_cameras._verified_again", noted)
+    assert with_turned_cameras(many, cameras_of(graph.photos)).pairs == many.pairs
+    assert len(tried) < 150  # of two lenses; a tenth of the pairs would be 600
 
 
 def test_pairs_of_each_camera_are_found_in_one_go() -> None:

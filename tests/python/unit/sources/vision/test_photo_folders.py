@@ -38,6 +38,16 @@ def test_links_to_folders_are_followed_and_each_folder_counts_once(tmp_path: Pat
     assert [photo.name for photo in open_photos(photos).photos] == ["a/1.png", "linked/2.png"]
 
 
+def test_a_link_to_a_photo_that_is_gone_is_named(tmp_path: Path) -> None:
+    (tmp_path / "b.jpg").symlink_to(tmp_path / "nowhere.jpg")
+    with pytest.raises(DatasetError, match=r"none of its 1 images can be read; b\.jpg: no such file"):
+        open_photos(tmp_path)
+    write_photo(tmp_path / "a.png", SMALL)
+    found = open_photos(tmp_path)
+    assert [photo.name for photo in found.photos] == ["a.png"]
+    assert found.unreadable == {"b.jpg": "no such file or directory"}
+
+
 def test_a_folder_that_cannot_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("a", "closed"):
         (tmp_path / name).mkdir()

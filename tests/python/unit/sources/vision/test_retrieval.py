@@ -54,6 +54,23 @@ def test_a_repeated_texture_does_not_outweigh_what_is_common() -> None:
     assert scores[0, 19] > scores[0, 14]
 
 
+@pytest.mark.parametrize("asked", [1, 3, 30, 100])
+def test_a_stop_is_heeded_while_words_are_taught_and_found_and_while_matches_are_counted(
+    ring: list[Features], asked: int
+) -> None:
+    """There are 4 passes, 50 images, and some hundred pairs that are tried."""
+    heeded: list[None] = []
+
+    def heed() -> None:
+        heeded.append(None)
+        if len(heeded) == asked:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        alike_pairs(ring, 6, heed=heed)
+    assert len(heeded) == asked
+
+
 def test_only_what_is_asked_for_and_not_known_is_found(ring: list[Features]) -> None:
     known = {(9, 10), (10, 11)}
     found = alike_pairs(ring, 4, queries=[10], known=known)

@@ -99,6 +99,30 @@ def test_up_is_told_by_upright_photos_and_by_drones_that_look_down() -> None:
     assert np.linalg.det(turn) == pytest.approx(1.0)
 
 
+def test_a_flight_that_keeps_its_heading_is_seen_from_above() -> None:
+    rng = np.random.default_rng(0)
+    # Straight down, a little ahead, a little back.
+    for degrees in (0, 12, -12):
+        flight = flight_of(Rotation.from_euler("x", degrees, degrees=True).as_matrix(), rng)
+        turn = turn_upright(flight)
+        assert turn[2, 2] > 0.99
+        assert turn[1, 1] > 0.99
+    # A way along a wall is no plane: the tops of the cameras are up.
+    walk = np.tile(np.column_stack([np.eye(3), np.zeros(3)]), (40, 1, 1))
+    walk[:, :, 3] = np.stack([0.5 * np.arange(40), rng.normal(0, 0.1, 40), rng.normal(0, 0.3, 40)], axis=1)
+    assert turn_upright(walk)[2, 1] < -0.99
+
+
+def flight_of(tilt: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Forty cameras above a field that look down, but for a tilt; the tops of their images are north."""
+    down = tilt @ np.diag([1.0, -1.0, -1.0])
+    flight = np.tile(np.column_stack([down, np.zeros(3)]), (40, 1, 1))
+    flight[:, :, :3] = flight[:, :, :3] @ Rotation.from_euler("zyx", rng.normal(0, 0.03, (40, 3))).as_matrix()
+    row, column = np.divmod(np.arange(40), 8)
+    flight[:, :, 3] = np.stack([11.0 * column, 9.0 * row, 40 + rng.normal(0, 1.5, 40)], axis=1)
+    return flight
+
+
 def test_far_points_do_not_make_the_rest_small() -> None:
     rng = np.random.default_rng(0)
     points = np.concatenate([rng.uniform(-1, 1, (980, 3)), rng.uniform(500, 1000, (20, 3))])
