@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -206,6 +207,15 @@ def test_objects_are_flattened_and_made_again_with_their_cycles_and_orders() -> 
     assert type(again["x"][2]) is np.float64
     again[1].add(frame, np.eye(3, 4))
     assert len(again[1].poses) == 2
+
+
+def test_flattening_leaves_the_garbage_collector_nothing_to_look_at() -> None:
+    """It would look at all that a run of an hour has, again and again: longer than the flattening takes."""
+    value = {k: (k, np.zeros(3)) for k in range(20_000)}
+    gc.collect()
+    before = gc.get_stats()[0]["collections"]
+    flatten(value)
+    assert gc.get_stats()[0]["collections"] - before < 10
 
 
 def test_only_named_classes_are_made() -> None:
