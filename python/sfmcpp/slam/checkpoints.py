@@ -261,8 +261,13 @@ class SlamCheckpoints:
         return True
 
     def offer(self, frame: Frame, state: Callable[[], State], last: bool) -> None:
-        """Save the state of the loop after a frame, asked for only if it is time or the run ends there."""
-        self._run.offer(lambda: flatten((frame, state())), last)
+        """Save the state of the loop after a frame, once, asked for only if it is time or the run ends there."""
+        if frame is not self._last:
+            self._run.offer(lambda: self._saved(frame, state()), last)
+
+    def _saved(self, frame: Frame, state: State) -> dict[str, NDArray[Any]]:
+        self._last = frame
+        return flatten((frame, state))
 
     @property
     def warnings(self) -> list[str]:

@@ -138,6 +138,15 @@ def test_a_run_that_the_callback_ended_goes_on_from_its_folder(tmp_path: Path) -
     assert bits(again) == whole
 
 
+def test_what_follows_the_last_frame_is_done_again_from_there(tmp_path: Path) -> None:
+    source, sensors = RUNS["winding"]()
+    kept, heard = CheckpointFolder(tmp_path / "kept", every_s=1e9), list[int]()
+    whole = bits(run_slam(source, SETTINGS, sensors, checkpoint=kept))
+    again = run_slam(source, SETTINGS, sensors, lambda frame, _: heard.append(frame), resume=kept)
+    assert not heard
+    assert bits(again) == whole
+
+
 def test_another_run_is_refused_by_name(tmp_path: Path) -> None:
     source, sensors = RUNS["winding"]()
     kept = CheckpointFolder(tmp_path / "kept")
