@@ -120,7 +120,8 @@ def _name_of(dtype: np.dtype[Any]) -> str:
 
 def _attributes_of(value: Any) -> dict[str, Any]:
     """The attributes of an object: of a data class its fields, not what was computed from them and kept."""
-    names = _fields_of(type(value))
+    kind: Any = type(value)
+    names = _fields_of(kind)
     if names is not None:
         return {name: getattr(value, name) for name in names}
     # From Python 3.11 on, every object has this method, which may give None.
@@ -129,7 +130,7 @@ def _attributes_of(value: Any) -> dict[str, Any]:
 
 
 class _Flattening:
-    """Writes the tree as text at once: of lists in lists, the garbage collector would look at all, each time."""
+    """Writes the tree as text at once: at lists in lists the garbage collector would look again and again."""
 
     def __init__(self) -> None:
         self.pieces: dict[str, list[NDArray[Any]]] = {}
@@ -261,7 +262,7 @@ class SlamCheckpoints:
         return True
 
     def offer(self, frame: Frame, state: Callable[[], State], last: bool) -> None:
-        """Save the state of the loop after a frame, once, asked for only if it is time or the run ends there."""
+        """Save the state after a frame, once, asked for only if it is time or the run ends there."""
         if frame is not self._last:
             self._run.offer(lambda: self._saved(frame, state()), last)
 
