@@ -74,11 +74,11 @@ def run_slam(
     seen: list[Frame] = []
     last: Frame | None = None
     for frame in source:
+        last = frame
         if sensors:
             seen.append(frame)
         if checkpoints.has_passed(frame):
             continue
-        last = frame
         slam.step(frame)
         slam.result.seconds = time.perf_counter() - begin_s
         ended = ends_run(callback, frame.number, slam.result)

@@ -142,9 +142,10 @@ def test_what_follows_the_last_frame_is_done_again_from_there(tmp_path: Path) ->
     source, sensors = RUNS["winding"]()
     kept, heard = CheckpointFolder(tmp_path / "kept", every_s=1e9), list[int]()
     whole = bits(run_slam(source, SETTINGS, sensors, checkpoint=kept))
-    again = run_slam(source, SETTINGS, sensors, lambda frame, _: heard.append(frame), resume=kept)
+    other = CheckpointFolder(tmp_path / "other", every_s=1e9)
+    run_slam(source, SETTINGS, sensors, lambda frame, _: heard.append(frame), other, kept)
     assert not heard
-    assert bits(again) == whole
+    assert bits(run_slam(source, SETTINGS, sensors, resume=other)) == whole
 
 
 def test_another_run_is_refused_by_name(tmp_path: Path) -> None:
