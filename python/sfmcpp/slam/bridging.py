@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 
-from sfmcpp.geometry import relative_pose, so3
+from sfmcpp.geometry import RelativePose, relative_pose, so3
+from sfmcpp.geometry.epipolar import closest_depths
+from sfmcpp.geometry.pinhole import homogeneous, to_normalised
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
@@ -18,6 +20,13 @@ from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.stereo import metres_per_unit
 from sfmcpp.slam.world_map import WorldMap
+
+# A camera stood whose speed would move what it sees by less than this from frame to frame [px]: noise …
+_STANDS_PX = 1.0
+# … and moves again where a rotation leaves more than this [px].
+_MOVES_AGAIN_PX = 2.0
+# The usual depth is that of so many keyframes, of the last so many.
+_OF_DEPTHS, _MOST_BEFORE = 50, 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +55,14 @@ class Follower:
 
     def follow(self, frame: Frame, last: Frame, result: SlamResult) -> Step | None:
         """Pose by the tracks shared with the last frame; None where they do not determine it."""
-        in_before, in_here = common(last.view, frame.view)
+        before, here = _shared_pixels(last, frame)
+        length = self.length(last.t_s, frame.t_s, result)
         found = relative_pose(
-            last.view.pixels[in_before],
-            frame.view.pixels[in_here],
+            before,
+            here,
             self._intrinsics,
             min_inliers=self._settings.min_inliers,
-            min_parallax_px=LEAST_PARALLAX_PX,
+            min_parallax_px=LEAST_PARALLAX_PX if length is not None else _MOVES_AGAIN_PX,
             max_iterations=RANSAC_ITERATIONS,
             seed=self._settings.seed,
         )
@@ -62,10 +72,11 @@ class Follower:
         if turn is not None and so3.rotation_angle(turn.T @ found.camera[:, :3]) > SAME_TURN_RAD:
             return None
         moved = found.failure != "rotation only"
-        length = self.length(last.t_s, frame.t_s, result) if moved else 0.0
+        if moved and length is None:
+            length = self.usual_depth(result) / _depth_of_step(found, before, here, self._intrinsics)
         pose = result.path.pose_of(last.number)
         rotation = pose[:, :3] @ found.camera[:, :3]
-        centre = pose[:, 3] + length * pose[:, :3] @ found.camera[:, 3]
+        centre = pose[:, 3] + (length if moved and length else 0.0) * pose[:, :3] @ found.camera[:, 3]
         return Step(np.column_stack([rotation, centre]), moved)
 
     def predict(self, frame: Frame, result: SlamResult) -> FloatArray:
@@ -85,12 +96,41 @@ class Follower:
             centre = now[:, 3] + _predicted_step(guess, now, distance)
         return np.asarray(np.column_stack([rotation, centre]))
 
-    def length(self, start_s: float, end_s: float, result: SlamResult) -> float:
-        """Length of the path between two times [s], by an odometer, else by the speed so far."""
+    def length(self, start_s: float, end_s: float, result: SlamResult) -> float | None:
+        """Length of the path between two times [s], by an odometer, else by the speed so far.
+
+        None where that is the speed of a camera that stood: noise, at which it will not drive off. The scale
+        of the map would change by a factor of five at such a stop, and by 1e15 in a drive of an hour.
+        """
         distance = self._sensors.distance(start_s, end_s) if result.metric else None
-        if distance is None:
-            return result.path.speed(without=result.doubtful) * (end_s - start_s)
-        return distance
+        if distance is not None:
+            return distance
+        length = result.path.speed(without=result.doubtful) * (end_s - start_s)
+        stood = length * self._intrinsics[0] < _STANDS_PX * self.usual_depth(result)
+        return None if stood else length
+
+    def usual_depth(self, result: SlamResult) -> float:
+        """Median depth of what the latest keyframes with enough points see, in units of the map; 0: none.
+
+        Depths tell the scale of a scene worse than a speed does, but better than no speed.
+        """
+        assert result.world is not None
+        latest = (keyframe.depths for keyframe in reversed(result.world.keyframes[-_MOST_BEFORE:]))
+        enough = (depths for depths in latest if len(depths) >= self._settings.keyframe_min_tracks)
+        return float(np.median([float(np.median(depths)) for depths in islice(enough, _OF_DEPTHS)] or [0.0]))
+
+
+def _shared_pixels(last: Frame, frame: Frame) -> tuple[FloatArray, FloatArray]:
+    """Pixels (n, 2) of the tracks that two frames share, in each of them."""
+    in_last, in_frame = common(last.view, frame.view)
+    return last.view.pixels[in_last], frame.view.pixels[in_frame]
+
+
+def _depth_of_step(found: RelativePose, before: FloatArray, here: FloatArray, row: FloatArray) -> float:
+    """Median depth of the inliers of a step, whose length is one."""
+    rays_before, rays_here = (homogeneous(to_normalised(p[found.inliers], row)) for p in (before, here))
+    depths, _, factor = closest_depths(rays_before, rays_here @ found.camera[:, :3].T, found.camera[:, 3])
+    return float(np.median(depths / np.maximum(factor, np.finfo(float).tiny)))
 
 
 def _predicted_step(guess: FloatArray, now: FloatArray, distance: float | None) -> FloatArray:
@@ -106,8 +146,9 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     """Add a new part of the map after a gap.
 
     Its first keyframe gets the pose to which its frame was followed. Its scale is that at which its path is
-    as long as the odometer or the speed before the gap has it. Sensors constrain its keyframes like all
-    others, the first one across the gap, so that adjustments may still move the part.
+    as long as the odometer or the speed before the gap has it; after a stop, that of the usual depth. Sensors
+    constrain its keyframes like all others, the first one across the gap, so that adjustments may still move
+    the part.
 
     Parameters
     ----------
@@ -122,11 +163,7 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
     """
     world = result.world
     assert world is not None
-    lengths = [follower.length(a.t_s, b.t_s, result) for a, b in pairwise(part.keyframes)]
-    own = np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum()
-    scale = metres_per_unit(part) if world.metric else None
-    if scale is None:
-        scale = sum(lengths) / own if sum(lengths) > 0 else 1.0
+    scale = _scale_of(part, result, follower)
     # The first camera of the part is its world.
     anchor = result.path.pose_of(part.keyframes[0].frame)
     last, previous = world.keyframes[-1], world.keyframes[-1].pose[:, :3]
@@ -135,4 +172,17 @@ def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: F
         measured = sensors.measure(last.t_s, keyframe.t_s, rotation, metric=result.metric, previous=previous)
         keyframe.constraints = usual_weights(world, measured)
         last, previous = keyframe, rotation
-    world.append(part, Similarity(float(scale), anchor[:, :3], anchor[:, 3]))
+    world.append(part, Similarity(scale, anchor[:, :3], anchor[:, 3]))
+
+
+def _scale_of(part: WorldMap, result: SlamResult, follower: Follower) -> float:
+    """Scale of a new part in the map, or the metres of its right images."""
+    metres = metres_per_unit(part) if result.world is not None and result.world.metric else None
+    if metres is not None:
+        return float(metres)
+    lengths = [follower.length(a.t_s, b.t_s, result) for a, b in pairwise(part.keyframes)]
+    known = [length for length in lengths if length is not None]
+    if len(known) < len(lengths):
+        return follower.usual_depth(result) / float(np.median(part.keyframes[0].depths))
+    own = float(np.linalg.norm(np.diff(part.poses[:, :, 3], axis=0), axis=1).sum())
+    return sum(known) / own if sum(known) > 0 else 1.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -34,6 +35,7 @@ Order = Literal["C", "F"]
 _PLAIN = (type(None), bool, int, float, str)
 _SEQUENCES: dict[str, type] = {kind.__name__: kind for kind in (list, tuple, set, frozenset)}
 _TREE = "tree"
+_JSON = json.JSONEncoder().encode
 _CLASSES = (
     ConflictReport,
     Experience,
@@ -75,7 +77,7 @@ def flatten(value: Any) -> dict[str, NDArray[Any]]:
         An array for all numbers of each dtype, and ``tree``, UTF-8 JSON as bytes, which says what they are.
     """
     flattening = _Flattening()
-    text = json.dumps(flattening.node(value)).encode()
+    text = flattening.node(value).encode()
     arrays = {name: np.concatenate(pieces) for name, pieces in flattening.pieces.items()}
     return {**arrays, _TREE: np.frombuffer(text, np.uint8)}
 
@@ -106,50 +108,68 @@ def unflatten(arrays: Mapping[str, NDArray[Any]], classes: Iterable[type]) -> An
         raise InvalidArgument(f"arrays: hold no such object ({type(error).__name__}: {error})") from error
 
 
+@cache
+def _fields_of(cls: type) -> tuple[str, ...] | None:
+    return tuple(field.name for field in fields(cls)) if is_dataclass(cls) else None
+
+
+@cache
+def _name_of(dtype: np.dtype[Any]) -> str:
+    return str(dtype.name)
+
+
 def _attributes_of(value: Any) -> dict[str, Any]:
     """The attributes of an object: of a data class its fields, not what was computed from them and kept."""
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
+    kind: Any = type(value)
+    names = _fields_of(kind)
+    if names is not None:
+        return {name: getattr(value, name) for name in names}
     # From Python 3.11 on, every object has this method, which may give None.
     get = getattr(value, "__getstate__", None)
     return dict((get and get()) or vars(value))
 
 
 class _Flattening:
+    """Writes the tree as text at once: at lists in lists the garbage collector would look again and again."""
+
     def __init__(self) -> None:
         self.pieces: dict[str, list[NDArray[Any]]] = {}
         self._sizes: dict[str, int] = {}
-        # By identity; what is met stays alive, so that no other object takes its place in memory.
-        self._met: dict[int, tuple[int, Any]] = {}
+        # Numbers by identity; what is met stays alive, so that no other object takes its place in memory.
+        self._met: dict[int, int] = {}
+        self._alive: list[Any] = []
 
-    def node(self, value: Any) -> Any:
-        if type(value) in _PLAIN:
-            return value
+    def node(self, value: Any) -> str:
+        kind = type(value)
+        if kind in _PLAIN:
+            return str(value) if kind is int else _JSON(value)
         if isinstance(value, np.generic):
-            return ["scalar", *self._piece(np.asarray(value))]
-        name = type(value).__name__
-        if name in _SEQUENCES:
-            return [
-                name,
-                [self.node(x) for x in (sorted(value) if isinstance(value, set | frozenset) else value)],
-            ]
+            return self._piece("scalar", np.asarray(value))
+        if kind.__name__ in _SEQUENCES:
+            ordered = sorted(value) if isinstance(value, set | frozenset) else value
+            return f'["{kind.__name__}",[{",".join(map(self.node, ordered))}]]'
         if isinstance(value, dict):
-            return ["dict", [[self.node(k), self.node(x)] for k, x in value.items()]]
+            return f'["dict",{self._pairs(value)}]'
         if id(value) in self._met:
-            return ["same", self._met[id(value)][0]]
-        self._met[id(value)] = len(self._met), value
+            return f'["same",{self._met[id(value)]}]'
+        self._met[id(value)] = len(self._met)
+        self._alive.append(value)
         if isinstance(value, np.ndarray):
-            return ["array", *self._piece(value)]
-        return ["object", name, [[k, self.node(x)] for k, x in _attributes_of(value).items()]]
+            return self._piece("array", value)
+        return f'["object","{kind.__name__}",{self._pairs(_attributes_of(value))}]'
 
-    def _piece(self, array: NDArray[Any]) -> list[Any]:
+    def _pairs(self, values: Mapping[Any, Any]) -> str:
+        return f"[{','.join(f'[{self.node(k)},{self.node(x)}]' for k, x in values.items())}]"
+
+    def _piece(self, kind: str, array: NDArray[Any]) -> str:
         """Dtype, where it begins among all numbers of it, shape, and order in memory."""
         order: Order = "C" if array.flags.c_contiguous or not array.flags.f_contiguous else "F"
-        name = array.dtype.name
+        name = _name_of(array.dtype)
         begin = self._sizes.get(name, 0)
         self._sizes[name] = begin + array.size
         self.pieces.setdefault(name, []).append(array.ravel(order))
-        return [name, begin, list(array.shape), order]
+        shape = ",".join(map(str, array.shape))
+        return f'["{kind}","{name}",{begin},[{shape}],"{order}"]'
 
 
 class _Unflattening:
@@ -242,8 +262,13 @@ class SlamCheckpoints:
         return True
 
     def offer(self, frame: Frame, state: Callable[[], State], last: bool) -> None:
-        """Save the state of the loop after a frame, asked for only if it is time or the run ends there."""
-        self._run.offer(lambda: flatten((frame, state())), last)
+        """Save the state after a frame, once, asked for only if it is time or the run ends there."""
+        if frame is not self._last:
+            self._run.offer(lambda: self._saved(frame, state()), last)
+
+    def _saved(self, frame: Frame, state: State) -> dict[str, NDArray[Any]]:
+        self._last = frame
+        return flatten((frame, state))
 
     @property
     def warnings(self) -> list[str]:

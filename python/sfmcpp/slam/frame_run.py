@@ -46,8 +46,9 @@ def run_slam(
         Called as ``callback(frame, result)`` after each frame, with its number; the run ends where it returns
         False, as a solve does. In a run that is begun again, too: that ends it, and leaves the first one.
     checkpoint : CheckpointFolder, optional
-        Where to save, from time to time and where the callback ends the run, what a later call needs to go
-        on. If that fails once the run goes, it goes on, and a warning of the result names the file.
+        Where to save, from time to time, where the callback ends the run and after the last frame, what a
+        later call needs to go on. If that fails once the run goes, it goes on, and a warning of the result
+        names the file.
     resume : CheckpointFolder, optional
         Where an earlier call with the same arguments saved checkpoints: this one goes on behind the last
         frame that it took, and the result has the bits of one call, times aside. Images up to there are
@@ -71,7 +72,9 @@ def run_slam(
         slam.restore(state)
     begin_s = time.perf_counter() - slam.result.seconds
     seen: list[Frame] = []
+    last: Frame | None = None
     for frame in source:
+        last = frame
         if sensors:
             seen.append(frame)
         if checkpoints.has_passed(frame):
@@ -83,6 +86,8 @@ def run_slam(
         if ended:
             break
     else:
+        if last is not None:  # what follows may take as long as the frames
+            checkpoints.offer(last, slam.state, True)
         slam.finish()
         slam = _repeated_with_corrections(slam, source, seen, callback)
     slam.result.seconds = time.perf_counter() - begin_s

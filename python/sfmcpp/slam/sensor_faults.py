@@ -23,8 +23,8 @@ from sfmcpp.sensors.agreement import describe_other_time
 from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite, has_rates
 
-# More jumps of a speed than this are described in one sentence.
-_MOST_JUMPS = 3
+# More stretches of a kind than this are described in one sentence.
+_MOST_STRETCHES = 3
 
 
 def faults_of_streams(sensors: SensorSuite) -> list[str]:
@@ -111,7 +111,7 @@ def _speed_jumps(odometer: Odometer) -> list[str]:
 
 
 def _sentences(told: str, stretches: Sequence[Gap], odometer: Odometer) -> list[str]:
-    if len(stretches) > _MOST_JUMPS:
+    if len(stretches) > _MOST_STRETCHES:
         rule = "they are bridged by inertia or get no weight"
         return [f"{told}in {len(stretches)} stretches, first {stretches[0]}, {rule}"]
     return [
@@ -128,9 +128,13 @@ def _biased_and_dead(sensors: SensorSuite, turns: Sequence[Turn]) -> list[str]:
     known = sensors.biases.known.items()
     biases = [f"{name}: {bias.complaint}" for name, bias in known if name not in sensors.drifts]
     biases += [f"{name}: {drift.complaint}" for name, drift in sensors.drifts.items()]
-    dead = [
-        f"{name}: it does not move for {stretch}, while the images do: is it dead?"
-        for name, stretches in dead_odometers(sensors, turns).items()
-        for stretch in stretches
-    ]
-    return biases + dead
+    dead = dead_odometers(sensors, turns).items()
+    return biases + [found for name, stretches in dead for found in _dead(name, stretches)]
+
+
+def _dead(name: str, stretches: Sequence[Gap]) -> list[str]:
+    told = [f"for {stretch}" for stretch in stretches]
+    if len(stretches) > _MOST_STRETCHES:
+        longest = max(stretches, key=lambda stretch: stretch.end_s - stretch.start_s)
+        told = [f"in {len(stretches)} stretches, first {stretches[0]}, longest {longest}"]
+    return [f"{name}: it does not move {where}, while the images do: is it dead?" for where in told]

@@ -63,6 +63,12 @@ class Keyframe:
         tracks = self.world.keypoint_points[rows]
         return View(tracks, self.world.keypoints[rows]).only(tracks >= 0)
 
+    @property
+    def depths(self) -> FloatArray:
+        """(n,) depths of the points that it sees, in units of the map."""
+        points, pose = self.world.points[self.view.tracks], self.pose
+        return np.asarray((points[np.isfinite(points[:, 0])] - pose[:, 3]) @ pose[:, 2])
+
 
 class WorldMap(Map):
     """A map whose images are keyframes; the points have the numbers of the tracks.

@@ -242,15 +242,16 @@ class _Slot:
         return _Slot(1 - self.number, self.sequence - 1)
 
 
-def _sealed(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> bytes:
+def _sealed(path: Path, header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> memoryview:
     content = io.BytesIO()
     text = np.frombuffer(json.dumps(header).encode("ascii"), np.uint8)
     with zipfile.ZipFile(content, "w") as archive:
         for name, array in {METADATA: text, **arrays}.items():
             write_member(archive, name, array, path)
         archive.comment = _SEAL + b"0" * _DIGEST_SIZE
-    unsealed = content.getbuffer()[:-_DIGEST_SIZE]
-    return b"".join((unsealed, hashlib.sha256(unsealed).hexdigest().encode("ascii")))
+    sealed = content.getbuffer()
+    sealed[-_DIGEST_SIZE:] = hashlib.sha256(sealed[:-_DIGEST_SIZE]).hexdigest().encode("ascii")
+    return sealed
 
 
 def _read(path: Path, number: int) -> tuple[_Slot, Checkpoint]:

@@ -9,9 +9,20 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sfmcpp.model import SensorStream
+from sfmcpp.model import Gap, SensorStream
 from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, Slam, SlamResult, SlamSettings, run_slam
+from sfmcpp.slam import (
+    Gyroscope,
+    MotionSensor,
+    Odometer,
+    Slam,
+    SlamResult,
+    SlamSettings,
+    run_slam,
+    sensor_faults,
+)
+from sfmcpp.slam.sensor_faults import faults_so_far
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
 from winding import AT_CAMERA, winding
 
@@ -83,6 +94,21 @@ def test_an_odometer_that_dies_is_named_and_left_out_from_then_on(since_s: float
     assert "is it dead?" in " ".join(dead.warnings)
     assert "mounting" not in " ".join(dead.warnings).replace("clock, mounting, unit", "")
     assert drive.errors(dead)[0] < 1.2 * drive.errors(alone)[0]
+
+
+def test_many_stretches_in_which_an_odometer_is_dead_are_one_sentence(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    suite = SensorSuite([Odometer(winding().odometer)])
+    gaps = [Gap(10.0 * k, 10.0 * k + (3.0 if k == 2 else 1.0)) for k in range(5)]
+    for count, sentences in ((3, 3), (5, 1)):
+        monkeypatch.setattr(sensor_faults, "dead_stretches", lambda *_, n=count: tuple(gaps[:n]))
+        told = faults_so_far(suite)
+        assert len([text for text in told if "is it dead?" in text]) == sentences
+    assert (
+        "does not move in 5 stretches, first 1.000 s from 0.000 to 1.000 s, "
+        "longest 3.000 s from 20.000 to 23.000 s, while"
+    ) in told[0]
 
 
 def test_many_jumps_of_a_speed_are_one_sentence() -> None:

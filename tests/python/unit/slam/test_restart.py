@@ -83,3 +83,29 @@ def test_without_a_cut_there_is_no_second_part() -> None:
     result = run_slam(sequence)
     assert result.restarts == []
     assert result.lost == []
+
+
+def with_a_stop(pause: int = 60, life: int = 12) -> tuple[TrackSequence, np.ndarray]:
+    """The corridor with a stop at `CUT`, in which tracks end as if hidden; what each frame sees it from."""
+    stations = np.r_[:CUT, np.full(pause, CUT), CUT : SCENE.num_cameras]
+    rows = [np.flatnonzero(SCENE.camera_index == k) for k in stations]
+    frame = np.repeat(np.arange(len(stations)), [len(some) for some in rows])
+    chosen = np.concatenate(rows)
+    point = SCENE.point_index[chosen]
+    age = np.clip(frame, CUT, CUT + pause) + point % life
+    track = point + SCENE.num_points * (age // life)
+    noise = np.random.default_rng(0).normal(0, 0.5, (len(chosen), 2))
+    t_s = STEP_S * np.arange(len(stations))
+    return TrackSequence(t_s, frame, track, SCENE.pixels[chosen] + noise, SCENE.intrinsics[0]), stations
+
+
+def test_a_stop_in_which_all_tracks_end_keeps_the_scale() -> None:
+    """The speed so far is noise then: the usual depth tells how far the camera drives off."""
+    sequence, stations = with_a_stop()
+    result = run_slam(sequence)
+    assert result.bridged
+    centres = np.stack([result.poses[k][:, 3] for k in range(len(stations))])
+    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    before, after = steps[5 : CUT - 1], steps[-CUT + 5 :]
+    assert np.median(after) == pytest.approx(np.median(before), rel=0.15)
+    assert np.linalg.norm(centres[CUT + 55] - centres[CUT]) < 0.1 * np.median(before)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -137,6 +138,16 @@ def test_a_run_that_the_callback_ended_goes_on_from_its_folder(tmp_path: Path) -
     assert bits(again) == whole
 
 
+def test_what_follows_the_last_frame_is_done_again_from_there(tmp_path: Path) -> None:
+    source, sensors = RUNS["winding"]()
+    kept, heard = CheckpointFolder(tmp_path / "kept", every_s=1e9), list[int]()
+    whole = bits(run_slam(source, SETTINGS, sensors, checkpoint=kept))
+    other = CheckpointFolder(tmp_path / "other", every_s=1e9)
+    run_slam(source, SETTINGS, sensors, lambda frame, _: heard.append(frame), other, kept)
+    assert not heard
+    assert bits(run_slam(source, SETTINGS, sensors, resume=other)) == whole
+
+
 def test_another_run_is_refused_by_name(tmp_path: Path) -> None:
     source, sensors = RUNS["winding"]()
     kept = CheckpointFolder(tmp_path / "kept")
@@ -206,6 +217,15 @@ def test_objects_are_flattened_and_made_again_with_their_cycles_and_orders() -> 
     assert type(again["x"][2]) is np.float64
     again[1].add(frame, np.eye(3, 4))
     assert len(again[1].poses) == 2
+
+
+def test_flattening_leaves_the_garbage_collector_nothing_to_look_at() -> None:
+    """It would look at all that a run of an hour has, again and again: longer than the flattening takes."""
+    value = {k: (k, np.zeros(3)) for k in range(20_000)}
+    gc.collect()
+    before = gc.get_stats()[0]["collections"]
+    flatten(value)
+    assert gc.get_stats()[0]["collections"] - before < 10
 
 
 def test_only_named_classes_are_made() -> None:

@@ -130,6 +130,20 @@ def test_a_browser_draws_an_empty_scene_without_failing(tmp_path: Path) -> None:
     assert panel.std() > 0.02  # the text of the lower panel
 
 
+def test_large_numbers_stay_within_the_panel(tmp_path: Path) -> None:
+    small = street(unit="m")
+    cameras = small.cameras * np.array([1, 1, 1, 1e12])
+    large = replace(small, points=1e12 * small.points, path=1e12 * small.path, cameras=cameras)
+    save_scene_page(large, tmp_path / "view.html")
+    with opened((tmp_path / "view.html").as_uri(), tmp_path) as ask:
+        texts = value_of(ask, "['heights', 'grid'].map(name => element(name).textContent)")
+        wide = value_of(
+            ask, "(({ scrollWidth, clientWidth }) => scrollWidth - clientWidth)(element('about'))"
+        )
+    assert re.fullmatch(r"-?\d\.\d\de\+\d+ mheight\d\.\d\de\+\d+ mgrid: \d\.\d\de\+\d+ m", "".join(texts))
+    assert wide <= 0
+
+
 def count_near(picture: np.ndarray, color: tuple[int, int, int]) -> int:
     """Number of pixels of nearly that colour."""
     return int((np.abs(picture - np.array(color) / 255).max(axis=2) < 0.06).sum())
