@@ -109,11 +109,12 @@ def _rule_of(name: str, hint: Any, shapes: Mapping[str, Shape]) -> Rule:
 
 def _rule(hint: Any) -> Rule:
     """Rule that follows from an annotation; any value passes where none can be derived."""
-    origin = get_origin(hint)
     if hint is Any:
         return lambda name, value: value
     if hint == ArrayLike:
         return _array
+    hint = _without_alias(hint)
+    origin = get_origin(hint)
     if origin in _UNIONS:
         return _any_rule(get_args(hint))
     if hint in _SCALARS:
@@ -135,6 +136,13 @@ def _rule(hint: Any) -> Rule:
     if inspect.isclass(hint) and not _is_plain_protocol(hint):
         return _instance_rule(hint)
     return lambda name, value: value
+
+
+def _without_alias(hint: Any) -> Any:
+    """What an alias stands for, without its parameters; NumPy's NDArray is one from version 2.5 on."""
+    while hasattr(alias := get_origin(hint) or hint, "__value__"):
+        hint = alias.__value__
+    return hint
 
 
 def _is_plain_protocol(hint: type) -> bool:

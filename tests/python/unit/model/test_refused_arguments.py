@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from sfmcpp import ConstraintGroup, DatasetError, InvalidArgument, Problem, sfm
 from sfmcpp.doctor import repair
 from sfmcpp.map import map_of_problem
 from sfmcpp.model import SensorStream, Trajectory
+from sfmcpp.model.arguments import checked
 from sfmcpp.model.image_tracks import image_tracks
 from sfmcpp.sensors import Mounting
 from sfmcpp.slam import SlamSettings, View
@@ -270,3 +271,18 @@ def test_an_impossible_trajectory_is_refused(
         poses[change[:3]] = change[3]
     with pytest.raises(InvalidArgument, match=told):
         Trajectory(np.array(t_s), poses)
+
+
+def test_an_array_is_asked_for_through_an_alias_too() -> None:
+    """NumPy's NDArray is an alias from version 2.5 on: what was no array went through."""
+    extensions = pytest.importorskip("typing_extensions", reason="aliases of types are of Python 3.12")
+    number = TypeVar("number", bound=np.generic)
+    alias = extensions.TypeAliasType("alias", np.ndarray[Any, np.dtype[number]], type_params=(number,))
+
+    def first(mask: Any) -> Any:
+        return mask[0]
+
+    first.__annotations__["mask"] = alias[np.float64] | None
+    assert checked()(first)([7.0]) == 7.0
+    with pytest.raises(InvalidArgument, match=r"mask = 'a\.png': must be an array of numbers"):
+        checked()(first)("a.png")
