@@ -141,7 +141,7 @@ TEST(SupernodalCholesky, GivesProductsWithTheInverseOfSparseColumns) {
           factored.cholesky.inverse_product(support::entries_of(placed), columns, work);
       const MatrixXd expected = b.transpose() * a.llt().solve(b);
       EXPECT_LT((found - expected).norm(), 1e-12 * expected.norm()) << name << ", " << columns;
-      EXPECT_EQ(found, MatrixXd(found.transpose()));
+      EXPECT_LT((found - found.transpose()).norm(), 1e-15 * expected.norm());
     }
   }
 }
