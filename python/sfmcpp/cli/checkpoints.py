@@ -9,6 +9,7 @@ from pathlib import Path
 from sfmcpp.cli.console import print_note
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checkpoints import CheckpointFolder
+from sfmcpp.sources.io.files import is_present
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Checkpoints:
 
     def check_input_stays(self, source: Path, output: Path | None) -> None:
         """Raise a DatasetError if the result would replace the input, which a resumed run reads again."""
-        if self.save is not None and output is not None and output.exists() and output.samefile(source):
+        if self.save is not None and output is not None and is_present(output) and output.samefile(source):
             raise DatasetError(output, "would replace the input, which a run that goes on needs")
 
     @property

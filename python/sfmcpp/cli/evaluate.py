@@ -12,6 +12,7 @@ from sfmcpp.cli.choices import choice_option
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.flags import flag_of, options_of, with_flags
 from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.sources.io.files import is_folder, is_present, is_regular_file
 
 if TYPE_CHECKING:
     from sfmcpp.cli.targets import Targets
@@ -137,7 +138,7 @@ def _evaluated_trajectory(
 
 
 def _require_trajectories(ours: Path, true: Path, true_format: str | None) -> None:
-    if ours.exists() and true_format is None and _names_images(true):
+    if is_present(ours) and true_format is None and _names_images(true):
         raise DatasetError(
             ours,
             f"is taken for a trajectory, but the truth {true} for a model: only a model (a COLMAP folder, a "
@@ -201,7 +202,7 @@ def _names_images(path: Path) -> bool:
     """Whether `path` is a model or a truth with named images, by its name and kind."""
     from sfmcpp.study.evaluation.image_poses import is_problem_file
 
-    return path.is_dir() or (path.exists() and is_problem_file(path))
+    return is_folder(path) or (is_present(path) and is_problem_file(path))
 
 
 def _evaluated_model(
@@ -228,7 +229,7 @@ def _evaluated_model(
         return evaluate_model(ours, true, images=images_of_model_path(model), **wanted)
     except InvalidArgument as error:
         path = model / "trajectory.txt"
-        hint = f"; did you mean {path}?" if path.is_file() else ""
+        hint = f"; did you mean {path}?" if is_regular_file(path) else ""
         raise DatasetError(model, f"compared with {truth}: {error}{hint}") from error
 
 

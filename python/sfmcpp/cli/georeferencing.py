@@ -14,6 +14,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import geodetic_of
+from sfmcpp.sources.io.files import is_folder, is_present
 from sfmcpp.sources.io.named_positions import NamedPositions
 from sfmcpp.sources.io.position_csv import read_position_csv
 from sfmcpp.sources.io.position_files import GivenPositions, require_positions_format, write_positions
@@ -89,9 +90,9 @@ class Gps:
     def _given_positions(self) -> NamedPositions | None:
         if self.source is None:
             return None
-        if self.source == Path("exif") and not self.source.exists():
+        if self.source == Path("exif") and not is_present(self.source):
             raise InvalidArgument("--gps exif: where are the photos? --gps FOLDER takes what they tell")
-        if self.source.is_dir():
+        if is_folder(self.source):
             from sfmcpp.sfm.positions import exif_positions_of_folder
 
             return exif_positions_of_folder(self.source)

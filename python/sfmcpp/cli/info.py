@@ -13,6 +13,7 @@ from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.sources.io.files import is_folder, is_present
 
 if TYPE_CHECKING:
     from sfmcpp.sources.frames import TrackSequence
@@ -37,7 +38,7 @@ def info(source: Source) -> ExitCode:
     from sfmcpp.cli.display import facts_text
     from sfmcpp.sources.bags import is_bag, open_bag
 
-    if not source.exists():
+    if not is_present(source):
         raise DatasetError(source, "no such file or directory")
     if is_bag(source):
         with open_bag(source) as opened:
@@ -58,7 +59,7 @@ def facts_of(source: Path) -> list[Fact]:
     from sfmcpp.sources.drives import euroc_folder
     from sfmcpp.sources.vision.images import is_picture, is_video
 
-    if source.is_dir():
+    if is_folder(source):
         if euroc_folder(source) is not None:
             return list(_euroc(source))
         if any(map(is_picture, source.iterdir())):
@@ -243,7 +244,7 @@ def _images(source: Path) -> Iterator[Fact]:
 
     images = open_frames(source)
     height, width = next(iter(images)).shape
-    yield "format", "images" if source.is_dir() else "video"
+    yield "format", "images" if is_folder(source) else "video"
     yield "images", f"{len(images):,}, the first of {width}×{height} px"
     time_of, assumed_fps, doubt = times_of_images(images, None, None)
     if assumed_fps is not None:

@@ -14,6 +14,7 @@ from sfmcpp.sources.io.conversion_notes import (
     changed_on_writing,
     left_out_on_reading,
 )
+from sfmcpp.sources.io.files import is_folder, is_present
 from sfmcpp.sources.io.format import Format
 
 
@@ -28,7 +29,7 @@ def read_with_notes(source: Path, *, quiet: bool = False) -> Problem:
     try:
         problem = read(source)
     except DatasetError as error:
-        other = _other_command(source) if error.path == str(source) and source.exists() else ""
+        other = _other_command(source) if error.path == str(source) and is_present(source) else ""
         if not other:
             raise
         raise DatasetError(source, f"{error.reason}; {other}", error.line) from None
@@ -46,7 +47,7 @@ def _other_command(source: Path) -> str:
         return "sfmcpp bag makes files for sfmcpp slam of a bag"
     if is_picture(source):
         return "sfmcpp reconstruct makes a model of a folder of photos"
-    if source.is_dir() and any(map(is_picture, source.iterdir())):
+    if is_folder(source) and any(map(is_picture, source.iterdir())):
         return "sfmcpp reconstruct makes a model of the photos in it"
     if is_video(source) or source.suffix.lower() == ".mat":
         return "sfmcpp slam reads videos and drives"

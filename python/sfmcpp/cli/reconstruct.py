@@ -14,6 +14,7 @@ from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
 from sfmcpp.sfm.run import METHODS as WAYS
 from sfmcpp.sources.cameras import camera_file
+from sfmcpp.sources.io.files import is_folder, is_regular_file
 from sfmcpp.sources.vision.pairs import MATCHERS
 
 METHODS = tuple(WAYS)
@@ -38,14 +39,14 @@ def _gps(text: str) -> str | Path:
 
 
 def _existing_file(text: str, option: str, others: str) -> Path:
-    if not camera_file(text)[0].is_file():
+    if not is_regular_file(camera_file(text)[0]):
         missing = "; there is no such file" if camera_file(text)[0].suffix else ""
         raise typer.BadParameter(f"{text!r}: must be {others} or a file{missing}", param_hint=option)
     return Path(text)
 
 
 def _masks(path: Path | None) -> Path | None:
-    if path is not None and not path.is_dir():
+    if path is not None and not is_folder(path):
         raise typer.BadParameter(f"{str(path)!r}: is no folder")
     return path
 

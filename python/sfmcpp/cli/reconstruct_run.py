@@ -16,7 +16,7 @@ from sfmcpp.cli.targets import Targets, require_results_folder, writable_folder
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sfm import reconstruct
 from sfmcpp.sfm.outcome import NO_MODEL
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, is_present
 from sfmcpp.study import SfmReport
 from sfmcpp.study.pages.sfm_page import VIEW
 from sfmcpp.study.sfm_files import FILES, PAGE
@@ -46,7 +46,7 @@ def run_reconstruction(
         If an option asks for what there is not.
     """
     require_results_folder(folder, FILES)
-    if not source.exists():
+    if not is_present(source):
         raise DatasetError(source, "no such file or directory")
     positions = options["gps"] if isinstance(options["gps"], Path) else None
     targets.check(source, *([] if positions is None else [positions]))

@@ -14,6 +14,7 @@ from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.slam.settings import FINAL_ADJUSTMENTS
+from sfmcpp.sources.io.files import is_regular_file
 from sfmcpp.sources.vision import CORNERS
 from sfmcpp.weighting import POSE_METHODS as WEIGHTS
 from sfmcpp.weighting import WEIGHT_BOUNDS
@@ -73,7 +74,7 @@ def _camera(text: str | None) -> tuple[float, ...] | Path | None:
         return None
     from sfmcpp.sources.cameras import camera_file, intrinsics_of
 
-    if camera_file(text)[0].is_file():
+    if is_regular_file(camera_file(text)[0]):
         return Path(text)
     try:
         return tuple(intrinsics_of([float(word) for word in text.split(",")]).tolist())

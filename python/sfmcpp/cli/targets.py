@@ -15,6 +15,8 @@ from sfmcpp.sources.io.api import format_of, write
 from sfmcpp.sources.io.files import (
     COMPRESSED_SUFFIXES,
     failures_named,
+    is_folder,
+    is_present,
     require_folder,
     require_regular_file,
     require_replaceable,
@@ -129,7 +131,7 @@ def require_writable_problem(path: Path, chosen: Format | None = None) -> None:
     if chosen.suffixes:
         require_writable_file(path)
     else:
-        _require_writable_folder(path, path if path.is_dir() else path.parent)
+        _require_writable_folder(path, path if is_folder(path) else path.parent)
 
 
 def require_writable_file(path: Path) -> None:
@@ -139,7 +141,7 @@ def require_writable_file(path: Path) -> None:
 
 
 def _require_writable_folder(path: Path, folder: Path) -> None:
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise DatasetError(path, f"the folder {str(folder)!r} does not exist")
     with failures_named(path), tempfile.TemporaryFile(dir=folder):
         pass
@@ -199,7 +201,7 @@ def require_results_folder(folder: Path, files: Iterable[str]) -> None:
 def writable_folder(folder: Path) -> Iterator[None]:
     """Make a folder that can be written; a run that fails leaves none that is empty."""
     with failures_named(folder):
-        missing = [path for path in (folder, *folder.parents) if not path.exists()]
+        missing = [path for path in (folder, *folder.parents) if not is_present(path)]
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass

@@ -18,7 +18,7 @@ from sfmcpp.model.checks import looked_up
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.cameras import camera_file, read_camera
 from sfmcpp.sources.io.colmap.camera_models import MODELS
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, is_present
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 
 if TYPE_CHECKING:
@@ -309,7 +309,7 @@ def _input_of_text(text: str) -> CameraInput:
     except ValueError:
         path = Path(text)
     with failures_named(path):
-        is_there = camera_file(path)[0].exists()
+        is_there = is_present(camera_file(path)[0])
     if not is_there:
         if path.suffix:
             raise DatasetError(path, "there is no such file")

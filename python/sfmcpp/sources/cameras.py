@@ -21,7 +21,7 @@ from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.calibration import Calibration, read_calibration
 from sfmcpp.sources.io.documents import DOCUMENTS
-from sfmcpp.sources.io.files import failures_named, read_text_bytes
+from sfmcpp.sources.io.files import failures_named, is_folder, is_regular_file, read_text_bytes
 from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.vision import Frames
@@ -37,12 +37,12 @@ _OTHER_SIZE, _SAME_FACTOR = 1.3, 1.1
 def places_beside(source: Path) -> tuple[Path, ...]:
     """Folders in which files about a folder of images or a video are looked for, the nearest first."""
     folder = source.resolve()
-    return (folder, folder.parent) if folder.is_dir() else (folder.parent,)
+    return (folder, folder.parent) if is_folder(folder) else (folder.parent,)
 
 
 def file_beside(source: Path, name: str) -> Path | None:
     """The file of that name nearest to a folder of images or a video; None if there is none."""
-    return next((place / name for place in places_beside(source) if (place / name).is_file()), None)
+    return next((place / name for place in places_beside(source) if is_regular_file(place / name)), None)
 
 
 def intrinsics_of(numbers: Sequence[float]) -> FloatArray:
@@ -71,7 +71,7 @@ def find_camera(source: Path) -> Path:
     """
     for place in places_beside(source):
         for name in CALIBRATION_FILES:
-            if (place / name).is_file():
+            if is_regular_file(place / name):
                 return place / name
     where = f"{', '.join(CALIBRATION_FILES[:-1])} or {CALIBRATION_FILES[-1]}"
     reason = f"its camera is not known: there is no {where} beside it; give --camera FILE or F,CX,CY [px]"

@@ -17,7 +17,7 @@ from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
 from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, is_folder, is_regular_file
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_columns import columns_of
 from sfmcpp.sources.io.sensor_csv import left_out_columns, read_sensor_csv
@@ -280,11 +280,11 @@ def _read_input(
     source: Path, of_images: _OfImages, stereo: bool, apart: _Sensors
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     suffix = source.suffix.lower()
-    if suffix in PICTURES and not source.is_dir():
+    if suffix in PICTURES and not is_folder(source):
         raise DatasetError(source, f"is a single picture: give {_ACCEPTED}")
     if stereo and suffix != ".mat":
         raise InvalidArgument("stereo: only KITTI drives (.mat) hold what a right camera sees")
-    if source.is_dir() or suffix in VIDEOS:
+    if is_folder(source) or suffix in VIDEOS:
         return _read_images(source, of_images, apart.image_t_s)
     if of_images != _OfImages():
         told = "camera, fps, corners: are" if of_images.mask is None else "mask: is"
@@ -351,8 +351,8 @@ class EurocFolder:
 
 def euroc_folder(path: Path) -> EurocFolder | None:
     """Find what ``mav0``, or the folder that holds it, has; None if `path` is no such folder."""
-    root = path / _ROOT if (path / _ROOT).is_dir() else path
-    if not (root / _IMAGES).is_dir():
+    root = path / _ROOT if is_folder(path / _ROOT) else path
+    if not is_folder(root / _IMAGES):
         return None
-    rates, truth = (file if file.is_file() else None for file in (root / _RATES, root / _TRUTH))
+    rates, truth = (file if is_regular_file(file) else None for file in (root / _RATES, root / _TRUTH))
     return EurocFolder(root / _IMAGES, rates, truth)

@@ -20,7 +20,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sources.cameras import file_beside
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
-from sfmcpp.sources.io.files import failures_named, read_text_bytes
+from sfmcpp.sources.io.files import failures_named, is_folder, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.sensor_columns import parse_column
 from sfmcpp.sources.vision import Frames
@@ -148,7 +148,7 @@ def _times_of_argument(source: Path, t_s: FloatArray) -> TimeOf:
 def _frame_rate_of_video(images: Frames) -> float:
     if images.fps is not None:
         return images.fps
-    if images.path.is_dir():
+    if is_folder(images.path):
         return _FOLDER_FPS
     raise DatasetError(images.path, "the video tells no frame rate: give --fps")
 

@@ -20,7 +20,7 @@ from sfmcpp.sensors import Mounting
 from sfmcpp.sources.cameras import camera_file
 from sfmcpp.sources.io.calibration import chosen_camera
 from sfmcpp.sources.io.documents import DOCUMENTS, Node, read_document
-from sfmcpp.sources.io.files import failures_named, read_text_bytes
+from sfmcpp.sources.io.files import failures_named, is_present, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
 
 _NAMES: dict[str, Callable[[], Mounting]] = {
@@ -54,7 +54,7 @@ def mounting_of(given: str | Path | Mounting | None) -> Mounting | None:
         return _NAMES[str(given)]()
     path = Path(given)
     with failures_named(path):
-        is_there = path.exists()
+        is_there = is_present(path)
     if not is_there and path.suffix == "":
         rule = f"must be {', '.join(_NAMES)}, or a file with the rows of body_from_camera, [R | t]"
         raise DatasetError(path, f"is no mounting and no file: {rule}")

@@ -16,7 +16,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.threads import on_threads
 from sfmcpp.sources.io.colmap import binary, text
 from sfmcpp.sources.io.colmap.formats import ORIGIN, write_colmap_of_both_kinds
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, is_folder, is_present
 from sfmcpp.sources.io.ply import write_ply
 from sfmcpp.sources.io.transforms import folder_from, write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, corners_at_distance_one, save_model_page
@@ -47,7 +47,7 @@ def write_files(report: SfmReport, folder: Path) -> list[Path]:
     DatasetError
         If any could not be written.
     """
-    if not report.run.models and (folder / MODEL).exists():
+    if not report.run.models and is_present(folder / MODEL):
         return []
     written = write_steps(_steps(report), folder)
     if report.run.models:
@@ -57,7 +57,7 @@ def write_files(report: SfmReport, folder: Path) -> list[Path]:
 
 def _remove_further_models(folder: Path, number: int) -> None:
     """Remove what an earlier run has written as model `number` and behind: they are no part of this one."""
-    while (old := folder / f"{MODEL}_{number}").is_dir():
+    while is_folder(old := folder / f"{MODEL}_{number}"):
         with failures_named(old):
             for name in _MODEL_FILES:
                 (old / name).unlink(missing_ok=True)
@@ -89,7 +89,7 @@ def _write_model(problem: Problem, folder: Path) -> None:
 def _write_transforms(report: SfmReport, problem: Problem, path: Path) -> None:
     """Write the cameras, with the places of the photos and of the points as seen from the folder."""
     source = Path(report.run.source)
-    write_transforms(problem, path, folder_from(path, source) if source.is_dir() else "", points=POINTS)
+    write_transforms(problem, path, folder_from(path, source) if is_folder(source) else "", points=POINTS)
 
 
 class _Pictures:

@@ -22,6 +22,9 @@ from sfmcpp.model.process_state import SharedChange
 from sfmcpp.sources.io.files import (
     expands_too_far,
     failures_named,
+    is_folder,
+    is_present,
+    is_regular_file,
     largest_expansion,
     require_regular_file,
 )
@@ -138,8 +141,8 @@ def is_bag(path: Path) -> bool:
     path : Path
         The file or the folder.
     """
-    if path.is_dir():
-        return (path / _METADATA).is_file()
+    if is_folder(path):
+        return is_regular_file(path / _METADATA)
     return path.suffix in (*_ROS1, *_ROS2)
 
 
@@ -187,15 +190,15 @@ def _reader_of(path: Path) -> Callable[[Path], Any]:
     except ImportError as error:
         raise DatasetError(path, f"bags need {error.name}: pip install 'sfmcpp[ros]'") from None
     with failures_named(path):
-        if not path.exists():
+        if not is_present(path):
             raise DatasetError(path, "no such file or directory")
     if not is_bag(path):
         rule = f"must be a .bag, .db3 or .mcap file, or a folder of ROS 2 with {_METADATA}"
         raise DatasetError(path, f"is no bag: {rule}")
-    if path.is_dir():
+    if is_folder(path):
         with failures_named(path):
             for file in path.iterdir():
-                if not file.is_dir():
+                if not is_folder(file):
                     require_regular_file(file)
         _require_plain_metadata(path / _METADATA)
     else:
@@ -205,7 +208,7 @@ def _reader_of(path: Path) -> Callable[[Path], Any]:
 
 def _is_ros1(path: Path) -> bool:
     """Whether a bag is of ROS 1, whose bags are no folders, whatever these are called."""
-    return path.suffix in _ROS1 and not path.is_dir()
+    return path.suffix in _ROS1 and not is_folder(path)
 
 
 def _require_plain_metadata(path: Path) -> None:

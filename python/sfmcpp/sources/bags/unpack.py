@@ -33,6 +33,7 @@ from sfmcpp.sources.bags.transforms import StaticFrames
 from sfmcpp.sources.io.calibration import read_calibration
 from sfmcpp.sources.io.files import (
     failures_named,
+    is_present,
     require_folder,
     require_parent_folder,
     scratch_folder_beside,
@@ -136,7 +137,7 @@ def unpack_bag(
 def _require_new_folder(folder: Path) -> None:
     with failures_named(folder):
         require_folder(folder)
-        if folder.exists() and any(folder.iterdir()):
+        if is_present(folder) and any(folder.iterdir()):
             raise DatasetError(folder, "is not empty: name a new folder")
         require_parent_folder(folder)
 

@@ -34,7 +34,7 @@ from sfmcpp.sources.io import (
 from sfmcpp.sources.io.checks import require_magnitudes, require_valid
 from sfmcpp.sources.io.colmap.database import is_database
 from sfmcpp.sources.io.colmap.fisheye import is_fisheye
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named
+from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, is_present, is_regular_file
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.shares import Share, part_of_share
 
@@ -255,7 +255,7 @@ def formats() -> tuple[Format, ...]:
 
 def _format_of_existing(source: Path, format: str | None = None) -> Format:
     """The format of a file that is there."""
-    if not source.exists():
+    if not is_present(source):
         raise DatasetError(source, "no such file or directory")
     return format_of(source) if format is None else named_format(format)
 
@@ -273,14 +273,14 @@ def named_format(name: str) -> Format:
 
 def format_of(path: Path) -> Format:
     """Find the format that claims `path`, or a DatasetError that lists the known ones."""
-    if path.name in colmap.FILE_NAMES and path.is_file():
+    if path.name in colmap.FILE_NAMES and is_regular_file(path):
         raise DatasetError(path, "is one file of a COLMAP model: give the folder that it is in")
     for candidate in FORMATS:
         if candidate.claims(path):
             return candidate
     if is_database(path):
         raise DatasetError(path, "is a database of COLMAP: sfmcpp reconstruct makes a model of it")
-    if path.suffix == ".db" and path.exists():
+    if path.suffix == ".db" and is_present(path):
         raise DatasetError(path, "is no database of SQLite, as COLMAP's are")
     suffixes = ", ".join(suffix for f in FORMATS for suffix in f.suffixes)
     raise DatasetError(

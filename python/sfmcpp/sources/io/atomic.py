@@ -17,7 +17,13 @@ from functools import cache
 from pathlib import Path
 from typing import IO
 
-from sfmcpp.sources.io.files import failures_named, require_parent_folder, require_replaceable
+from sfmcpp.sources.io.files import (
+    failures_named,
+    is_folder,
+    is_present,
+    require_parent_folder,
+    require_replaceable,
+)
 
 # Short names of their own: with a suffix, a target's could become too long.
 _TEMPORARY, _BEFORE = ".sfmcpp-new-", ".sfmcpp-old-"
@@ -80,7 +86,7 @@ def atomic_folder(folder: Path, names: Sequence[str]) -> Iterator[tuple[IO[bytes
 
 
 def _make_folder(folder: Path) -> bool:
-    if folder.is_dir():
+    if is_folder(folder):
         return False
     with failures_named(folder):
         folder.mkdir()
@@ -137,7 +143,7 @@ def _replace_all(temporaries: Sequence[Path], targets: Sequence[Path]) -> None:
         temporaries[0].replace(targets[0])
         return
     with ExitStack() as undo, _alone_in({path.parent for path in targets}):
-        kept = [(path, _temporary_path(path, _BEFORE)) for path in targets if path.exists()]
+        kept = [(path, _temporary_path(path, _BEFORE)) for path in targets if is_present(path)]
         # What undoes a step is known before it: Ctrl-C may come between any two.
         for path, before in kept:
             undo.callback(_put_back, before, path)

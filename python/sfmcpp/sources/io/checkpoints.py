@@ -28,7 +28,7 @@ from sfmcpp.ba.checkpoints import Checkpoint, CheckpointStore, Where
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model.arguments import checked
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.files import failures_named, read_bytes, require_folder
+from sfmcpp.sources.io.files import failures_named, is_folder, is_present, read_bytes, require_folder
 from sfmcpp.sources.io.npz import METADATA, read_members, write_member
 
 FORMAT_VERSION = 1
@@ -215,11 +215,11 @@ class CheckpointFolder:
         """Those of its two files that are there, with their numbers."""
         with failures_named(self.path):
             named = enumerate(self.path / name for name in _NAMES)
-            return [(number, path) for number, path in named if path.exists()]
+            return [(number, path) for number, path in named if is_present(path)]
 
     def _require_none_of_ranks(self) -> None:
         with failures_named(self.path):
-            count = len([*self.path.glob(f"{_RANK}*")]) if self.path.is_dir() else 0
+            count = len([*self.path.glob(f"{_RANK}*")]) if is_folder(self.path) else 0
         if count:
             raise DatasetError(self.path, f"holds the checkpoints of {count} ranks, this is one process")
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import bz2
 import codecs
+import errno
 import gzip
 import io
 import lzma
@@ -164,6 +165,37 @@ def largest_content(path: Path) -> int:
     return largest_expansion(size) if path.suffix.lower() in _DECOMPRESSORS else size
 
 
+def is_present(path: Path) -> bool:
+    """Whether there is something. An OSError if that is not told, as in a closed folder; so the next two.
+
+    Path.exists and the like have given False there since Python 3.14: what is closed would be missing.
+    """
+    return _mode(path) is not None
+
+
+def is_folder(path: Path) -> bool:
+    """Whether it is a folder, or a link to one."""
+    mode = _mode(path)
+    return mode is not None and stat.S_ISDIR(mode)
+
+
+def is_regular_file(path: Path) -> bool:
+    """Whether it is a regular file, or a link to one."""
+    mode = _mode(path)
+    return mode is not None and stat.S_ISREG(mode)
+
+
+def _mode(path: Path) -> int | None:
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # the last of a NUL
+        return None
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            return None
+        raise
+
+
 def require_regular_file(path: Path) -> None:
     """Refuse a directory, a device or pipe that might never end, and names that no file can have."""
     with failures_named(path):
@@ -186,7 +218,7 @@ def require_replaceable(path: Path) -> None:
     _refuse_standard_output(path, "a file is wanted")
     require_regular_file(path)
     with failures_named(path):
-        is_protected = path.exists() and not os.access(path, os.W_OK)
+        is_protected = is_present(path) and not os.access(path, os.W_OK)
     if is_protected:
         raise DatasetError(path, "permission denied: the file that is there is read-only")
 
@@ -201,7 +233,7 @@ def require_folder(path: Path, purpose: str = "") -> None:
     wanted = f"a folder is wanted{purpose}"
     _refuse_standard_output(path, wanted)
     with failures_named(path):
-        is_file = path.exists() and not path.is_dir()
+        is_file = is_present(path) and not is_folder(path)
     if is_file:
         raise DatasetError(path, f"is a file, {wanted}")
 
@@ -209,7 +241,7 @@ def require_folder(path: Path, purpose: str = "") -> None:
 def require_parent_folder(path: Path) -> None:
     """Refuse a target in a folder that is not there."""
     with failures_named(path):
-        is_there = path.parent.is_dir()
+        is_there = is_folder(path.parent)
     if not is_there:
         raise DatasetError(path, f"the folder {str(path.parent)!r} does not exist")
 

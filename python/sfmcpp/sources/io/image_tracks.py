@@ -22,7 +22,13 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.image_tracks import LARGEST_INDEX, ImageTracks, first_beyond_images, image_tracks
 from sfmcpp.sources.io import api, npz, track_files
 from sfmcpp.sources.io.checks import fault_of_image_name, first_duplicate
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, read_text_bytes
+from sfmcpp.sources.io.files import (
+    COMPRESSED_SUFFIXES,
+    failures_named,
+    is_folder,
+    is_present,
+    read_text_bytes,
+)
 from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
 from sfmcpp.sources.io.number_text import NumberText, TokenSet
 
@@ -63,7 +69,7 @@ def read_image_tracks(path: str | PathLike[str]) -> ImageTracks:
     """
     source = Path(path)
     with failures_named(source):
-        if not source.exists():
+        if not is_present(source):
             raise DatasetError(source, "no such file or directory")
         tracks = _reader(source)(source)
     if not len(tracks):
@@ -75,7 +81,7 @@ def _reader(path: Path) -> Callable[[Path], ImageTracks]:
     name = path.name.lower()
     if name.endswith(COMPRESSED_SUFFIXES):
         name = name.rpartition(".")[0]
-    if path.is_dir():
+    if is_folder(path):
         return read_malaga if is_malaga_folder(path) else _read_problem
     if name.endswith(".xy"):
         return read_vgg

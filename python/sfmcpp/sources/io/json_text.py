@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.checks import LARGEST_MAGNITUDE
-from sfmcpp.sources.io.files import failures_named, read_bytes
+from sfmcpp.sources.io.files import failures_named, is_regular_file, read_bytes
 from sfmcpp.sources.io.number_text import number_of
 
 # A document takes some twenty times its size as Python's objects.
@@ -137,7 +137,7 @@ def read_json(path: Path) -> Part:
 
 def begins_with(path: Path, word: bytes) -> bool:
     """Whether the beginning of a file that is there holds `word`."""
-    if not path.is_file():  # to open a pipe would take for ever
+    if not is_regular_file(path):  # to open a pipe would take for ever
         return False
     with failures_named(path), path.open("rb") as file:
         return word in file.read(_HEAD_BYTES)

@@ -27,7 +27,7 @@ from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.sources.io.atomic import atomic_files, remove_leftovers
 from sfmcpp.sources.io.checks import require_valid
-from sfmcpp.sources.io.files import failures_named, read_bytes, require_folder
+from sfmcpp.sources.io.files import failures_named, is_present, is_regular_file, read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.npz import members_of_problem, problem_of_members, read_members, write_members
 
@@ -126,7 +126,7 @@ class PartsFolder:
     def _members(self, entry: Entry) -> dict[str, NDArray[Any]]:
         path = self.path / entry.name
         with failures_named(path):
-            if not path.exists():
+            if not is_present(path):
                 raise DatasetError(path, f"is missing: {LIST} lists it")
             size = path.stat().st_size
         if size != entry.bytes:
@@ -209,7 +209,7 @@ def _unlisted_removed_on_failure(folder: Path) -> Iterator[list[Path]]:
     So does the folder if it was missing before and is empty then.
     """
     with failures_named(folder):
-        was_missing = not folder.exists()
+        was_missing = not is_present(folder)
     new: list[Path] = []
     try:
         yield new
@@ -262,7 +262,7 @@ def _write_cameras_and_list(folder: Path, problem: Problem, entries: list[Entry]
 def _write_part_file(folder: Path, stem: str, members: dict[str, NDArray[Any]], new: list[Path]) -> Entry:
     sha256 = digest(members)
     path = folder / f"{stem}-{sha256[:8]}.npz"
-    if not path.exists():
+    if not is_present(path):
         new.append(path)
     write_members(members, path)
     return Entry(path.name, path.stat().st_size, sha256)
@@ -277,7 +277,7 @@ def _rows(members: dict[str, NDArray[Any]], prefix: str) -> Rows:
 
 
 def _read_list(path: Path) -> dict[str, Any]:
-    if not path.exists():
+    if not is_present(path):
         raise DatasetError(path.parent, f"is no complete folder of parts: it has no {LIST}")
     try:
         listed = json.loads(read_bytes(path))
@@ -290,7 +290,7 @@ def _read_list(path: Path) -> dict[str, Any]:
 
 
 def _is_parts_list(path: Path) -> bool:
-    return path.name.lower() == "parts" or path.suffix.lower() == ".parts" or (path / LIST).is_file()
+    return path.name.lower() == "parts" or path.suffix.lower() == ".parts" or is_regular_file(path / LIST)
 
 
 FORMAT = Format(

@@ -25,7 +25,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.uncertainty import Uncertainty, first_bad_covariance
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, finite_rows, first_duplicate, require_valid
-from sfmcpp.sources.io.files import read_text_bytes
+from sfmcpp.sources.io.files import is_present, is_regular_file, read_text_bytes
 from sfmcpp.sources.io.format import GEOMETRY_ALONE, Format
 from sfmcpp.sources.io.intrinsics import (
     as_perspective,
@@ -169,7 +169,7 @@ def _calibration(cameras: Path, given: str | PathLike[str] | None) -> FloatArray
 
 def _find_calibration(cameras: Path) -> Path:
     for path in (calibration_path(cameras), shared_calibration_path(cameras)):
-        if path.exists():
+        if is_present(path):
             return path
     names = f"{calibration_path(cameras).name!r} or {shared_calibration_path(cameras).name!r}"
     raise DatasetError(cameras, f"holds poses alone, and there is no calibration file {names} beside it")
@@ -222,7 +222,7 @@ def _uncertainty(text: NumberText, views: NDArray[np.int64], width: int) -> Unce
 
 def _read_with_points_beside(cameras: Path) -> Problem:
     points = points_path(cameras)
-    if cameras.is_file() and not points.exists():
+    if is_regular_file(cameras) and not is_present(points):
         raise DatasetError(cameras, f"the points file {points.name!r} is not beside it")
     return read_sba(cameras, points)
 
@@ -233,7 +233,7 @@ def _is_sba(path: Path) -> bool:
 
 def _starts_like_bal(path: Path) -> bool:
     """Whether the first line has three words: BAL's has, a line of a cameras file has more."""
-    if not path.is_file():
+    if not is_regular_file(path):
         return False
     with path.open("rb") as file:
         words = file.readline(_FIRST_LINE_BYTES).split()

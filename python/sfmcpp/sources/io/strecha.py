@@ -17,7 +17,7 @@ from sfmcpp.model import Metadata, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.checks import LARGEST_COUNT
-from sfmcpp.sources.io.files import failures_named, read_text_bytes
+from sfmcpp.sources.io.files import failures_named, is_folder, read_text_bytes
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import fixed_but, matrix_fault, perspective_columns, perspective_rows
 from sfmcpp.sources.io.number_text import NumberText
@@ -67,7 +67,7 @@ def read_strecha(folder: Path) -> Problem:
 def camera_files(folder: Path) -> list[Path]:
     """Files of `folder` named ``IMAGE.camera``, by name; none if it is no folder."""
     with failures_named(folder):
-        return sorted(folder.glob(f"*{SUFFIX}")) if folder.is_dir() else []
+        return sorted(folder.glob(f"*{SUFFIX}")) if is_folder(folder) else []
 
 
 def _numbers(path: Path) -> FloatArray:

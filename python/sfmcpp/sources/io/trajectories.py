@@ -17,7 +17,13 @@ from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation, require_one_of
 from sfmcpp.sources.io.atomic import atomic_files
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, compressed_writer, failures_named, read_text_bytes
+from sfmcpp.sources.io.files import (
+    COMPRESSED_SUFFIXES,
+    compressed_writer,
+    failures_named,
+    is_present,
+    read_text_bytes,
+)
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.rows import format_rows
@@ -61,7 +67,7 @@ def read_trajectory(path: str | PathLike[str], *, format: str | None = None) -> 
     if format is not None:
         require_one_of("format", format, TRAJECTORY_FORMATS)
     with failures_named(source):
-        if not source.exists():
+        if not is_present(source):
             raise DatasetError(source, "no such file or directory")
         return _reader(source, format)(source)
 

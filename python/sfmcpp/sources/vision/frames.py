@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.photos import natural_order
-from sfmcpp.sources.io.files import failures_named, require_regular_file
+from sfmcpp.sources.io.files import failures_named, is_folder, is_present, require_regular_file
 from sfmcpp.sources.vision.images import (
     RAW_VIDEOS,
     GreyImage,
@@ -124,9 +124,9 @@ def open_frames(path: str | PathLike[str]) -> Frames:
     except ModuleNotFoundError as error:
         raise DatasetError(source, str(error)) from None
     with failures_named(source):
-        if not source.exists():
+        if not is_present(source):
             raise DatasetError(source, "no such file or directory")
-        return _Folder(source, cv2) if source.is_dir() else _Video(source, cv2)
+        return _Folder(source, cv2) if is_folder(source) else _Video(source, cv2)
 
 
 class _Folder(Frames):

@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.photos import natural_order
 from sfmcpp.model.process_state import SharedChange, without_warnings
-from sfmcpp.sources.io.files import MAX_IMAGE, failures_named, largest_image
+from sfmcpp.sources.io.files import (
+    MAX_IMAGE,
+    failures_named,
+    is_folder,
+    is_present,
+    is_regular_file,
+    largest_image,
+)
 
 GreyImage = NDArray[np.uint8]
 
@@ -120,7 +127,7 @@ def is_picture(file: Path) -> bool:
     # Some systems leave a hidden companion, ._name.png, beside each file.
     if file.suffix.lower() not in PICTURES or file.name.startswith("."):
         return False
-    return file.is_file() or (file.is_symlink() and not file.exists())
+    return is_regular_file(file) or (file.is_symlink() and not is_present(file))
 
 
 def holds_photos(path: Path) -> bool:
@@ -134,22 +141,24 @@ def holds_photos(path: Path) -> bool:
         If there is no such path, or it cannot be read.
     """
     with failures_named(path):
-        if not path.exists():
+        if not is_present(path):
             raise DatasetError(path, "no such file or directory")
-        if not path.is_dir() or any((path / n).exists() for n in ("images.bin", "images.txt", "Image1.mat")):
+        if not is_folder(path) or any(
+            is_present(path / n) for n in ("images.bin", "images.txt", "Image1.mat")
+        ):
             return False
-        in_part = any(path.glob("[!.]*.bin")) or (path / "cameras.txt").exists()
+        in_part = any(path.glob("[!.]*.bin")) or is_present(path / "cameras.txt")
         return not in_part or any(map(is_picture, path.iterdir()))
 
 
 def is_foreign_picture(file: Path) -> bool:
     """Whether a file's name says that it is an image of a kind that is not read."""
-    return file.suffix.lower() in FOREIGN_PICTURES and not file.name.startswith(".") and file.is_file()
+    return file.suffix.lower() in FOREIGN_PICTURES and not file.name.startswith(".") and is_regular_file(file)
 
 
 def is_video(file: Path) -> bool:
     """Whether a file's name says that it is a video."""
-    return file.suffix.lower() in VIDEOS and not file.name.startswith(".") and file.is_file()
+    return file.suffix.lower() in VIDEOS and not file.name.startswith(".") and is_regular_file(file)
 
 
 _KINDS = (is_picture, is_foreign_picture, is_video)
@@ -203,7 +212,7 @@ def require_no_single_picture(file: Path) -> None:
 
 def where_images_are(folder: Path) -> str:
     """Hint for a folder without images: they might be in a folder of it."""
-    inside = sorted(place for place in folder.iterdir() if place.is_dir() and _has_picture(place))
+    inside = sorted(place for place in folder.iterdir() if is_folder(place) and _has_picture(place))
     if inside:
         return f"did you mean {' or '.join(map(str, inside[:_MOST_HINTS]))}?"
     if videos := sorted(file for file in folder.iterdir() if is_video(file)):

@@ -20,7 +20,7 @@ from sfmcpp.model.checks import require_count
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.checks import fault_of_image_name
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, is_folder, is_present, is_regular_file
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
@@ -272,8 +272,8 @@ def _require_folder(path: Path | None) -> None:
     if path is None:
         return
     with failures_named(path):
-        if not path.is_dir():
-            raise DatasetError(path, "is no folder" if path.exists() else "no such file or directory")
+        if not is_folder(path):
+            raise DatasetError(path, "is no folder" if is_present(path) else "no such file or directory")
 
 
 def _opened_photo(name: str, file: Path) -> Photo:
@@ -298,7 +298,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
 
 def _with_mask(photo: Photo, masks: Path) -> Photo:
     names = (photo.name + ".png", str(Path(photo.name).with_suffix(".png")))
-    mask = next((file for name in names if (file := masks / name).is_file()), None)
+    mask = next((file for name in names if is_regular_file(file := masks / name)), None)
     if mask is None:
         return photo
     data = _bytes_of(mask)

@@ -22,7 +22,7 @@ from sfmcpp.model.checks import is_rotation
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sources.io.api import format_of, read
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, is_folder, is_present, is_regular_file
 from sfmcpp.sources.io.number_text import number_of
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S, nearest_rows
 from sfmcpp.study.report_files import MODEL, REPORT
@@ -149,7 +149,7 @@ def read_image_poses(path: str | PathLike[str]) -> ImagePoses:
     source = Path(path)
     with failures_named(source):
         found = model_path(source)
-        if found.is_dir() and not _has_model(found):
+        if is_folder(found) and not _has_model(found):
             raise DatasetError(source, _no_model(source))
     try:
         return ImagePoses.of(read(found))
@@ -160,7 +160,7 @@ def read_image_poses(path: str | PathLike[str]) -> ImagePoses:
 def images_of_model_path(path: Path) -> list[str] | None:
     """Names of all images given to ``sfmcpp reconstruct``, from its report in `path`; else None."""
     report = path / REPORT
-    if not report.is_file():
+    if not is_regular_file(report):
         return None
     with failures_named(report):
         try:
@@ -172,12 +172,12 @@ def images_of_model_path(path: Path) -> list[str] | None:
 
 def _has_model(path: Path) -> bool:
     wanted = (f"{stem}.{kind}" for stem in ("cameras", "images") for kind in ("bin", "txt"))
-    return any((path / name).exists() for name in wanted) or any(path.glob("*.camera"))
+    return any(is_present(path / name) for name in wanted) or any(path.glob("*.camera"))
 
 
 def _no_model(path: Path) -> str:
     trajectory = path / "trajectory.txt"
-    hint = f"; evaluate {trajectory} instead" if trajectory.is_file() else ""
+    hint = f"; evaluate {trajectory} instead" if is_regular_file(trajectory) else ""
     return (
         "is a folder without a model: must hold cameras, images and points3D (.bin or .txt), a folder "
         f"{MODEL!r} with them, or Strecha's IMAGE.camera{hint}"

@@ -18,6 +18,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_not_negative, require_one_of
 from sfmcpp.sensors.gps import between_origins
+from sfmcpp.sources.io.files import is_folder
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, fit_alignment
 from sfmcpp.study.evaluation.associate import NEAREST_WITHIN_S
@@ -235,7 +236,7 @@ def read_truth(path: AnyPath, format: str | None = None) -> ImagePoses | Traject
         If it cannot be read.
     """
     source = Path(path)
-    if format is None and (source.is_dir() or is_problem_file(source)):
+    if format is None and (is_folder(source) or is_problem_file(source)):
         return read_image_poses(source)
     return read_trajectory(source, format=format)
 

@@ -26,7 +26,7 @@ from sfmcpp.sources.io.colmap.camera_models import (
     unsupported,
 )
 from sfmcpp.sources.io.colmap.tables import LARGEST_ID
-from sfmcpp.sources.io.files import failures_named
+from sfmcpp.sources.io.files import failures_named, is_present, is_regular_file
 from sfmcpp.sources.io.sqlite_tables import read_only_uri, require_stored
 
 _MAGIC = b"SQLite format 3\0"
@@ -86,7 +86,7 @@ class ColmapDatabase:
 
 def is_database(path: Path) -> bool:
     """Whether a file is one of SQLite."""
-    if not path.is_file():
+    if not is_regular_file(path):
         return False
     with failures_named(path), path.open("rb") as file:
         return file.read(len(_MAGIC)) == _MAGIC
@@ -102,7 +102,7 @@ def read_database(path: str | PathLike[str]) -> ColmapDatabase:
     """
     source = Path(path)
     with failures_named(source):
-        if not source.exists():
+        if not is_present(source):
             raise DatasetError(source, "no such file or directory")
     if not is_database(source):
         raise DatasetError(source, "is no database of SQLite")
@@ -120,7 +120,7 @@ def _uri(path: Path) -> str:
     or a journal has something that the file lacks, that is needed, too.
     """
     beside = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
-    is_whole = not any(file.exists() and file.stat().st_size for file in beside)
+    is_whole = not any(is_present(file) and file.stat().st_size for file in beside)
     return read_only_uri(path, is_unchanged=is_whole)
 
 

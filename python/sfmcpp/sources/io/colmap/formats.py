@@ -27,7 +27,7 @@ from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
 from sfmcpp.sources.io.colmap.trivial_rigs import trivial_rigs_in, with_poses_of
-from sfmcpp.sources.io.files import read_bytes, require_folder
+from sfmcpp.sources.io.files import is_folder, is_present, read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 
 
@@ -146,7 +146,7 @@ def _write(problem: Problem, folder: Path, *wanted: _Files) -> None:
     with atomic_folder(folder, [name for name, _ in contents]) as streams:
         for stream, (_, content) in zip(streams, contents, strict=True):
             stream.writelines(content)
-    if not origin and (folder / ORIGIN).exists():
+    if not origin and is_present(folder / ORIGIN):
         (folder / ORIGIN).unlink()
 
 
@@ -159,9 +159,9 @@ def _require_target(folder: Path, problem: Problem | None) -> None:
 
 
 def _require_model(folder: Path, names: tuple[str, ...]) -> None:
-    if not folder.is_dir():
+    if not is_folder(folder):
         raise DatasetError(folder, "is not a folder, a COLMAP model is one")
-    missing = [name for name in names if not (folder / name).exists()]
+    missing = [name for name in names if not is_present(folder / name)]
     if missing:
         lacks = f"it lacks {', '.join(missing)}{_others_there(folder, names)}"
         raise DatasetError(folder, f"is a directory without a COLMAP model: {lacks}{_models_inside(folder)}")
@@ -170,7 +170,7 @@ def _require_model(folder: Path, names: tuple[str, ...]) -> None:
 def _others_there(folder: Path, names: tuple[str, ...]) -> str:
     """Files of the other kind, which do not make up for those that are missing."""
     others = [name for kind in _KINDS if kind.names != names for name in kind.names]
-    there = [name for name in others if (folder / name).exists()]
+    there = [name for name in others if is_present(folder / name)]
     return f" (and has {', '.join(there)}, which go with files of their own kind alone)" if there else ""
 
 
@@ -179,21 +179,21 @@ def _models_inside(folder: Path) -> str:
     found = [
         str(inner)
         for inner in sorted(folder.iterdir())
-        if any(all((inner / name).exists() for name in kind.names) for kind in _KINDS)
+        if any(all(is_present(inner / name) for name in kind.names) for kind in _KINDS)
     ]
     return "; " + (f"{found[0]} is one" if len(found) == 1 else f"{', '.join(found)} are") if found else ""
 
 
 def _has_any_file(folder: Path, names: tuple[str, ...]) -> bool:
-    return any((folder / name).exists() for name in names)
+    return any(is_present(folder / name) for name in names)
 
 
 def _claims_text(path: Path) -> bool:
-    return path.is_dir() and _has_any_file(path, text.FILES) and not _has_any_file(path, binary.FILES)
+    return is_folder(path) and _has_any_file(path, text.FILES) and not _has_any_file(path, binary.FILES)
 
 
 def _claims_binary(path: Path) -> bool:
-    return path.is_dir() or (not path.exists() and not path.suffix)
+    return is_folder(path) or (not is_present(path) and not path.suffix)
 
 
 _LACKS = ("masks", "uncertainties of observations")
@@ -239,7 +239,7 @@ def with_origin(problem: Problem, folder: Path) -> Problem:
         If the file is none of an origin.
     """
     path = folder / ORIGIN
-    if not path.exists():
+    if not is_present(path):
         return problem
     try:
         entries = json.loads(read_bytes(path))

@@ -12,6 +12,7 @@ from typing import Protocol, TypeVar
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.colmap.binary import Records
 from sfmcpp.sources.io.colmap.text import is_comment, read_lines
+from sfmcpp.sources.io.files import is_present
 from sfmcpp.sources.io.number_text import number_of
 
 TEXT_FILES, BINARY_FILES = ("rigs.txt", "frames.txt"), ("rigs.bin", "frames.bin")
@@ -69,14 +70,14 @@ class RigModel:
 def read_text_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
     """Rigs and frames of rigs.txt and frames.txt; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in TEXT_FILES)
-    mounted = _wanted_rigs(_lines(rigs, _rig), alone) if rigs.exists() else ()
+    mounted = _wanted_rigs(_lines(rigs, _rig), alone) if is_present(rigs) else ()
     return RigModel(mounted, tuple(_lines(frames, _frame)), rigs, frames) if mounted else None
 
 
 def read_binary_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
     """Rigs and frames of rigs.bin and frames.bin; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in BINARY_FILES)
-    mounted = _wanted_rigs(_records(rigs, _rig), alone) if rigs.exists() else ()
+    mounted = _wanted_rigs(_records(rigs, _rig), alone) if is_present(rigs) else ()
     return RigModel(mounted, tuple(_records(frames, _frame)), rigs, frames) if mounted else None
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.colmap.rig_files import CAMERA, Frame, Rig, RigModel, Sensor
 from sfmcpp.sources.io.colmap.tables import ImageTable, Tables
+from sfmcpp.sources.io.files import is_present
 
 
 def trivial_rigs_in(
@@ -33,7 +34,7 @@ def trivial_rigs_in(
     DatasetError
         If they are anything but rigs of one camera each: a new model would contradict them.
     """
-    there = [folder / name for name in names if (folder / name).exists()]
+    there = [folder / name for name in names if is_present(folder / name)]
     if not there:
         return None
     found = None
