@@ -177,7 +177,7 @@ def _load() -> ModuleType:
 def _installation() -> str:
     is_linux_on_arm = sys.platform == "linux" and platform.machine() != "x86_64"
     if is_linux_on_arm or sys.version_info >= (3, 15):  # there are no wheels
-        return "CXXFLAGS=-w pip install git+https://github.com/PoseLib/PoseLib@v2.0.5"
+        return "it must be built here, as docs/install.md has it"
     return "pip install 'sfmcpp[vision]'"
 
 
