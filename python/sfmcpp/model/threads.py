@@ -81,14 +81,15 @@ def results_in_order(
     Tasks that run by then are finished, the others are not begun.
     """
     results: list[Result] = []
-    _report_progress(progress, stage, 0, len(tasks))
+    report_progress(progress, stage, 0, len(tasks))
     with closing(on_threads(function, tasks, threads)) as found:
         for result in found:
             results.append(result)
-            _report_progress(progress, stage, len(results), len(tasks))
+            report_progress(progress, stage, len(results), len(tasks))
     return results
 
 
-def _report_progress(progress: Progress, stage: str, done: int, total: int) -> None:
+def report_progress(progress: Progress, stage: str, done: int, total: int) -> None:
+    """Tell how much of a stage is done; KeyboardInterrupt if `progress` asks to stop."""
     if progress(stage, done, total):
         raise KeyboardInterrupt(f"stopped in {stage}, {done} of {total} done")

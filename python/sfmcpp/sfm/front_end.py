@@ -20,7 +20,7 @@ from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_count, require_positive, require_seed, require_share
 from sfmcpp.model.photos import Features, Photo
-from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
+from sfmcpp.model.threads import Progress, no_progress, report_progress, results_in_order, thread_count
 from sfmcpp.sfm.cache import Arrays, Cache, cache_key
 from sfmcpp.sfm.imported_matches import unique_matches
 from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
@@ -178,16 +178,16 @@ class _Work:
     def pairs(self, photos: Sequence[Photo], features: Sequence[Features]) -> list[ImagePair]:
         settings = self.settings
         with self._timed("pairs"):
-            self._tell("pairs", 0, 1)
+            report_progress(self.progress, "pairs", 0, 1)
             chosen = choose_pairs(
                 photos,
                 features,
                 settings.matcher,
                 seed=settings.seed,
                 threads=thread_count(settings.threads),
-                heed=lambda: self._tell("pairs", 0, 1),
+                heed=lambda: report_progress(self.progress, "pairs", 0, 1),
             )
-            self._tell("pairs", 1, 1)
+            report_progress(self.progress, "pairs", 1, 1)
         return chosen
 
     def matches(
@@ -303,10 +303,6 @@ class _Work:
             yield
         finally:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
-
-    def _tell(self, stage: str, done: int, total: int) -> None:
-        if self.progress(stage, done, total):
-            raise KeyboardInterrupt(f"stopped in {stage}, {done} of {total} done")
 
 
 def _first_at_place(pixels: FloatArray) -> IndexArray:

@@ -78,7 +78,7 @@ class Growth:
         self.reasons: dict[int, str] = {}
         self._adjusted = (0, 0)
         self._losses = np.zeros(self.world.num_images, dtype=np.intp)
-        self._scores: dict[int, tuple[bytes, int]] = {}
+        self._scores: dict[int, int] = {}
 
     def start(self) -> bool:
         """Find a first pair; whether there is one."""
@@ -235,16 +235,11 @@ class Growth:
     def _coverage_score(self, image: int) -> int:
         """How much of an image the points that it sees cover; computed where these have changed."""
         sightings = self.structure.sightings
-        before, score = self._scores.get(image, (b"", 0))
-        if not sightings.changed[image]:
-            return score
-        sightings.changed[image] = False
-        rows = self.world.keypoints_of([image])
-        seen = sightings.sees[rows]
-        if (now := seen.tobytes()) != before:
-            score = self._cells_with_points(image, rows[seen])
-            self._scores[image] = now, score
-        return score
+        if sightings.changed[image]:
+            sightings.changed[image] = False
+            rows = self.world.keypoints_of([image])
+            self._scores[image] = self._cells_with_points(image, rows[sightings.sees[rows]])
+        return self._scores.get(image, 0)
 
     def _cells_with_points(self, image: int, rows: NDArray[np.intp]) -> int:
         """Cells of finer and finer grids that hold points, the finer ones counting more (COLMAP's rule)."""
