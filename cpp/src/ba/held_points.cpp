@@ -114,7 +114,8 @@ double HeldPoints::growth() const {
 double HeldPoints::growth_of_cameras() const {
   const linear::ObservationGraph& graph = images_.graph();
   const auto cameras = static_cast<std::size_t>(graph.num_cameras);
-  std::vector<CompensatedSum> costs(2 * cameras);  // at the start, then at the candidate
+  std::vector<CompensatedSum>& costs = costs_of_cameras_;
+  costs.assign(2 * cameras, {});
   for (std::size_t c = 0; c < candidate_.size(); ++c) {
     const auto i = static_cast<std::size_t>(graph.chunks[c].camera);
     costs[i] += start_[c];
@@ -128,33 +129,29 @@ double HeldPoints::growth_of_cameras() const {
 }
 
 long HeldPoints::hold_back(const State& start, State& candidate) {
-  std::vector<int> points = suspects(start, candidate);
+  find_suspects(start, candidate);
   std::atomic<long> held = 0;
-  lanes_.for_each(points, [&](PointLanes& lanes) { held += draw_back(lanes, start, candidate); });
+  lanes_.for_each(suspects_,
+                  [&](PointLanes& lanes) { held += draw_back(lanes, start, candidate); });
   return std::lround(images_.exchange().sum(static_cast<double>(held)));
 }
 
-std::vector<int> HeldPoints::suspects(const State& start, const State& candidate) const {
+void HeldPoints::find_suspects(const State& start, const State& candidate) {
   const double least = kLeastShareOfGrowth * 2.0 * growth();
-  std::vector<char> suspected(static_cast<std::size_t>(images_.graph().num_points), 0);
+  suspected_.assign(static_cast<std::size_t>(images_.graph().num_points), 0);
   images_.pool().parallel_for(static_cast<int>(candidate_.size()), [&](int c) {
     const bool may_grow = by_camera_ ? !(candidate_[c] < least)  // that much, or it is no number
                                      : growth_from(start_[c], candidate_[c]) > 0.0;
-    if (may_grow) suspect(start, candidate, c, least, suspected);
+    if (may_grow) suspect(start, candidate, c, least);
   });
-  std::vector<int> points;
+  suspects_.clear();
   for (int p = 0; p < images_.graph().num_points; ++p) {
-    if (suspected[p] && movable_[p]) points.push_back(p);
+    if (suspected_[p] && movable_[p]) suspects_.push_back(p);
   }
-  return points;
 }
 
 // Several chunks may suspect a point at once.
-void HeldPoints::suspect(const State& start,
-                         const State& candidate,
-                         int c,
-                         double least,
-                         std::vector<char>& suspected) const {
+void HeldPoints::suspect(const State& start, const State& candidate, int c, double least) {
   const Chunk& chunk = images_.graph().chunks[c];
   std::array<double, linear::kChunkSize> before, after;
   images_.observation_costs(start, chunk, before.data());
@@ -162,7 +159,7 @@ void HeldPoints::suspect(const State& start,
   for (int k = 0; k < chunk.end - chunk.begin; ++k) {
     const double growth = growth_from(before[k], after[k]);
     if (growth > 0.0 && growth >= least)
-      std::atomic_ref(suspected[images_.graph().point[chunk.begin + k]])
+      std::atomic_ref(suspected_[images_.graph().point[chunk.begin + k]])
           .store(1, std::memory_order_relaxed);
   }
 }

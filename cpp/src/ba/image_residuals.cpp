@@ -205,9 +205,9 @@ void ImageResiduals::add_squares(int count,
                     residuals::squared_residual(records + residuals::kRecordSize * k));
 }
 
-ImageFit ImageResiduals::total(const std::vector<ChunkFit>& fits) const {
+ImageFit ImageResiduals::total() const {
   std::array<CompensatedSum, 4> sums{};
-  for (const ChunkFit& fit : fits) {
+  for (const ChunkFit& fit : fits_) {
     sums[0] += fit.cost;
     sums[1] += fit.sum_of_squares;
     sums[2] += fit.behind_camera;

@@ -50,12 +50,11 @@ double squared_turn(const PointBlock& v, const double* d, int images, double foc
   return length2 * (v.v00 + v.v11 + v.v22) / (2.0 * images * focal2);
 }
 
-std::vector<int> marked(const std::vector<char>& marks) {
-  std::vector<int> points;
+void list_marked(const std::vector<char>& marks, std::vector<int>& points) {
+  points.clear();
   for (std::size_t p = 0; p < marks.size(); ++p) {
     if (marks[p]) points.push_back(static_cast<int>(p));
   }
-  return points;
 }
 
 // Where the rays of point p are closest to each other; as it was in a projective world, whose rays
@@ -195,7 +194,9 @@ PointRefits::PointRefits(const ImageResiduals& images, const std::vector<char>& 
     : images_(images),
       movable_(movable),
       lanes_(images),
-      inverse_variance_(images.mean_inverse_variance()) {}
+      inverse_variance_(images.mean_inverse_variance()),
+      tries_(static_cast<std::size_t>(images.graph().num_points)),
+      poor_(tries_.size()) {}
 
 long PointRefits::refit(const State& start,
                         const linear::NormalEquations& normal,
@@ -207,23 +208,22 @@ long PointRefits::refit(const State& start,
   images_.exchange().sum(count);
   const double least = kLeastShareOfCost * 2.0 * cost / count[0];
   const double most = kPoorFit * 2.0 * cost / count[1];
-  std::vector<char> tries(static_cast<std::size_t>(images_.graph().num_points));
-  mark_beyond_model(
-      normal, step, least, inverse_variance_ * mean_squared_focal(candidate), tries.data());
-  std::vector<int> points = marked(tries);
-  const double refitted = images_.exchange().sum(static_cast<double>(points.size()));
-  std::vector<char> poor(tries.size());
-  for (int pass = 0; pass < kMostPasses && !points.empty(); ++pass, points = marked(tries)) {
-    lanes_.for_each(points, [&](const PointLanes& lanes) {
+  mark_beyond_model(normal, step, least, inverse_variance_ * mean_squared_focal(candidate));
+  list_marked(tries_, points_);
+  const double refitted = images_.exchange().sum(static_cast<double>(points_.size()));
+  std::ranges::fill(poor_, 0);
+  for (int pass = 0; pass < kMostPasses && !points_.empty(); ++pass) {
+    lanes_.for_each(points_, [&](const PointLanes& lanes) {
       Pass fits(lanes, candidate);
       if (pass == 0) fits.return_to(start, most);
-      fits.step(least, tries.data());
-      fits.mark_poor(most, poor.data());
+      fits.step(least, tries_.data());
+      fits.mark_poor(most, poor_.data());
     });
+    list_marked(tries_, points_);
   }
-  points = marked(poor);
-  lanes_.for_each(points, [&](const PointLanes& lanes) {
-    Pass(lanes, candidate).triangulate_points(least, tries.data());
+  list_marked(poor_, points_);
+  lanes_.for_each(points_, [&](const PointLanes& lanes) {
+    Pass(lanes, candidate).triangulate_points(least, tries_.data());
   });
   return std::lround(refitted);
 }
@@ -231,8 +231,7 @@ long PointRefits::refit(const State& start,
 void PointRefits::mark_beyond_model(const linear::NormalEquations& normal,
                                     const linear::Step& step,
                                     double least,
-                                    double focal2,
-                                    char* beyond) const {
+                                    double focal2) {
   const linear::ObservationGraph& graph = images_.graph();
   linear::for_each_point(images_.pool(), graph.num_points, [&](int p) {
     const PointBlock& v = normal.point_block(p);
@@ -240,7 +239,7 @@ void PointRefits::mark_beyond_model(const linear::NormalEquations& normal,
     const int images = graph.observations_of_point(p);
     const double share =
         images_.is_robust() ? 1.0 : std::min(squared_turn(v, move, images, focal2), 1.0);
-    beyond[p] = movable_[p] && squared_move(v, move) * share > least;
+    tries_[p] = movable_[p] && squared_move(v, move) * share > least;
   });
 }
 

@@ -69,9 +69,9 @@ bool ExplicitSchurSolver::solve_again(Unknowns unknowns,
 
 bool ExplicitSchurSolver::factorize(const Damping& damping) {
   elimination_.factor(damping);
-  std::vector<double> diagonal = normal_.camera_damping(damping);
-  if (!normal_.exchange().is_root()) std::ranges::fill(diagonal, 0.0);
-  reduced_->start(diagonal);
+  normal_.get_camera_damping(damping, damping_);
+  if (!normal_.exchange().is_root()) std::ranges::fill(damping_, 0.0);
+  reduced_->start(damping_);
   form();
   reduced_->sum_over(normal_.exchange());
   return reduced_->factorize();

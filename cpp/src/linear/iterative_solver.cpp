@@ -60,19 +60,19 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
                   ? std::make_unique<BlockSparseSchur>(normal, elimination_, partition_, structure)
                   : nullptr),
       product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, partition_),
-      preconditioner_(normal, blocks_.get(), partition_, groups) {}
+      preconditioner_(normal, blocks_.get(), partition_, groups),
+      conjugate_gradients_(normal.pool(), normal.exchange()) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,
                                          Step& step,
                                          const std::function<bool()>& should_stop) {
   form(damping);
-  const Vector whole_diagonal = normal_.camera_damping(damping);
-  product_.columns().take(whole_diagonal, diagonal_);
+  normal_.get_camera_damping(damping, damping_);
+  product_.columns().take(damping_, diagonal_);
   const SchurOperator& schur = product_.schur();
-  Vector whole, own;
-  schur.gather(preconditioner_.diagonal(), whole);
-  product_.columns().take(whole, rhs_);
-  preconditioner_.factor(whole_diagonal);
+  schur.gather(preconditioner_.diagonal(), whole_rhs_);
+  product_.columns().take(whole_rhs_, rhs_);
+  preconditioner_.factor(damping_);
   const double tolerance =
       options_.pcg_tolerance.value_or(blocks_ ? kFloorOfBlocks : kFloorFromJacobian);
   ConjugateGradientResult result =
@@ -80,11 +80,11 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
               schur.is_rounded() ? std::max(tolerance, kTrustedTolerance) : tolerance,
               options_.pcg_max_iterations,
               should_stop,
-              own);
+              solution_);
   if (schur.is_rounded() && tolerance < kTrustedTolerance && !result.stopped)
-    refine(tolerance, should_stop, result, own);
+    refine(tolerance, should_stop, result, solution_);
   if (!result.finite) return {.success = false, .iterations = result.iterations};
-  product_.columns().gather(own, step.camera);
+  product_.columns().gather(solution_, step.camera);
   elimination_.back_substitute(step);
   return {.success = true, .iterations = result.iterations};
 }
@@ -104,8 +104,7 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
                                                  int max_iterations,
                                                  const std::function<bool()>& should_stop,
                                                  Vector& x) {
-  return conjugate_gradient(
-      normal_.pool(),
+  return conjugate_gradients_.solve(
       [this](const auto& in, auto& out) { product_.apply(diagonal_, in, out); },
       [this](const auto& in, auto& out) { precondition(in, out); },
       residual,
@@ -113,8 +112,7 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
        .forcing = options_.pcg_tolerance ? 0.0 : options_.pcg_forcing,
        .max_iterations = max_iterations},
       should_stop,
-      x,
-      normal_.exchange());
+      x);
 }
 
 void IterativeSolver::precondition(const Vector& in, Vector& out) {

@@ -67,9 +67,11 @@ class IterativeSolver final : public LinearSolver {
   DistributedProduct product_;                     // with the blocks, if there are any
   std::unique_ptr<DistributedProduct> unrounded_;  // where it is needed
   SchurPreconditioner preconditioner_;
+  ConjugateGradients conjugate_gradients_;
   std::optional<Formed> formed_;
+  Vector damping_, whole_rhs_;  // of all ranks' columns: λD, and the right-hand side
   Vector diagonal_;  // λD of this rank's columns, as all vectors but those of the preconditioner
-  Vector rhs_;
+  Vector rhs_, solution_;
   Vector in_, out_;  // of the preconditioner, where there are more ranks
 };
 

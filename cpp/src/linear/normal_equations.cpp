@@ -190,17 +190,17 @@ void NormalEquations::finish() {
 }
 
 // Of what lies `first` in the sums of a chunk, over all chunks and ranks.
-void NormalEquations::sum_chunks(long first, std::vector<double>& values) const {
+void NormalEquations::sum_chunks(long first, std::vector<double>& values) {
   values.assign(map_.num_columns, 0.0);
   if (!compensated_) {
     fold_chunks(chunk_sums_.data() + first, chunk_size(), values.data());
     exchange_.sum(values);
     return;
   }
-  std::vector<CompensatedSum> sums(map_.num_columns);
-  fold_chunks(chunk_sums_.data() + first, chunk_size(), 2L * map_.camera_size, sums.data());
-  exchange_.sum(sums);
-  round_sums(sums, values);
+  column_sums_.assign(map_.num_columns, {});
+  fold_chunks(chunk_sums_.data() + first, chunk_size(), 2L * map_.camera_size, column_sums_.data());
+  exchange_.sum(column_sums_);
+  round_sums(column_sums_, values);
 }
 
 void NormalEquations::sum_gradients() {
@@ -259,9 +259,15 @@ void NormalEquations::fold_chunks(const double* blocks,
 }
 
 std::vector<double> NormalEquations::camera_damping(const Damping& damping) const {
-  std::vector<double> diagonal(camera_diagonal_.size());
-  for (std::size_t k = 0; k < diagonal.size(); ++k) diagonal[k] = damping_of(k, damping);
+  std::vector<double> diagonal;
+  get_camera_damping(damping, diagonal);
   return diagonal;
+}
+
+void NormalEquations::get_camera_damping(const Damping& damping,
+                                         std::vector<double>& diagonal) const {
+  diagonal.resize(camera_diagonal_.size());
+  for (std::size_t k = 0; k < diagonal.size(); ++k) diagonal[k] = damping_of(k, damping);
 }
 
 double NormalEquations::damping_of(std::size_t column, const Damping& damping) const {

@@ -95,10 +95,10 @@ class SparseReducedSolver final : public ReducedSolver {
   }
 
   void solve_in_place(std::vector<double>& x) override {
-    std::vector<double> placed(x.size());
-    for (int k = 0; k < map().num_columns; ++k) placed[place_of(k)] = x[k];
-    cholesky_.solve(placed, pool_);
-    for (int k = 0; k < map().num_columns; ++k) x[k] = placed[place_of(k)];
+    placed_.resize(x.size());
+    for (int k = 0; k < map().num_columns; ++k) placed_[place_of(k)] = x[k];
+    cholesky_.solve(placed_, pool_);
+    for (int k = 0; k < map().num_columns; ++k) x[k] = placed_[place_of(k)];
   }
   int place_of(int column) const {
     const int block = map().block_of[column];
@@ -108,6 +108,7 @@ class SparseReducedSolver final : public ReducedSolver {
   ThreadPool& pool_;
   const Supernodes& supernodes_;
   SupernodalCholesky cholesky_;
+  std::vector<double> placed_;                            // a right-hand side
   std::vector<SupernodalCholesky::HalfSolution> halves_;  // of each thread
 };
 

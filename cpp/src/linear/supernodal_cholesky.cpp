@@ -57,6 +57,7 @@ SupernodalCholesky::SupernodalCholesky(const Supernodes& supernodes, const Chole
   for (std::size_t k = 0; k < triangles_.size(); ++k) {
     const Subtrees& part = s_.subtrees[k];
     triangles_[k].resize(static_cast<std::size_t>(UpdateTriangle(part.height).num_entries()));
+    outside_.push_back({&part, std::vector<double>(static_cast<std::size_t>(part.height))});
     make_update_map(s_, part.rows, part.row_offset, part.height, nullptr, triangle_maps_[k]);
   }
 }
@@ -90,15 +91,15 @@ void SupernodalCholesky::set_zero(ThreadPool& pool) {
 void SupernodalCholesky::prepare(int threads) {
   scratch_.resize(threads);
   work_.resize(threads);
+  failed_.assign(s_.subtrees.size(), 0);
 }
 
 bool SupernodalCholesky::factorize(ThreadPool& pool) {
   prepare(pool.num_threads());
-  std::vector<char> failed(s_.subtrees.size(), 0);
-  pool.parallel_for_worker(static_cast<int>(failed.size()), [&](int part, int worker) {
-    failed[part] = !factor_subtrees(part, worker, pool);
+  pool.parallel_for_worker(static_cast<int>(failed_.size()), [&](int part, int worker) {
+    failed_[part] = !factor_subtrees(part, worker, pool);
   });
-  if (std::ranges::count(failed, 1) > 0) return false;
+  if (std::ranges::count(failed_, 1) > 0) return false;
   return std::ranges::all_of(s_.top, [&](int s) { return factor_top(s, pool); });
 }
 
@@ -260,29 +261,27 @@ void SupernodalCholesky::backward(int s, double* x, std::vector<double>& y) cons
   std::copy_n(y.begin(), shape.columns, own);
 }
 
-void SupernodalCholesky::solve(std::span<double> x, ThreadPool& pool) const {
-  std::vector<std::vector<double>> buffer(pool.num_threads());
-  std::vector<Outside> outside;
-  for (const Subtrees& part : s_.subtrees)
-    outside.push_back({&part, std::vector<double>(static_cast<std::size_t>(part.height))});
-  const int parts = static_cast<int>(outside.size());
+void SupernodalCholesky::solve(std::span<double> x, ThreadPool& pool) {
+  work_.resize(pool.num_threads());
+  const int parts = static_cast<int>(outside_.size());
   pool.parallel_for_worker(parts, [&](int part, int worker) {
-    const Subtrees& subtrees = *outside[part].part;
-    for (int s = subtrees.first; s <= subtrees.last; ++s)
-      forward(s, x.data(), &outside[part], buffer[worker]);
+    Outside& outside = outside_[part];
+    std::ranges::fill(outside.taken, 0.0);
+    for (int s = outside.part->first; s <= outside.part->last; ++s)
+      forward(s, x.data(), &outside, work_[worker].rows);
   });
-  for (const Outside& taken : outside) {
+  for (const Outside& taken : outside_) {
     for (std::size_t k = 0; k < taken.part->rows.size(); ++k) {
       const int place = taken.part->rows[k], first = s_.first_column[place];
       for (int c = first; c < s_.first_column[place + 1]; ++c)
         x[c] += taken.taken[taken.part->row_offset[k] + c - first];
     }
   }
-  for (int s : s_.top) forward(s, x.data(), nullptr, buffer[0]);
-  for (auto s = s_.top.rbegin(); s != s_.top.rend(); ++s) backward(*s, x.data(), buffer[0]);
+  for (int s : s_.top) forward(s, x.data(), nullptr, work_[0].rows);
+  for (auto s = s_.top.rbegin(); s != s_.top.rend(); ++s) backward(*s, x.data(), work_[0].rows);
   pool.parallel_for_worker(parts, [&](int part, int worker) {
-    const Subtrees& subtrees = *outside[part].part;
-    for (int s = subtrees.last; s >= subtrees.first; --s) backward(s, x.data(), buffer[worker]);
+    const Subtrees& subtrees = *outside_[part].part;
+    for (int s = subtrees.last; s >= subtrees.first; --s) backward(s, x.data(), work_[worker].rows);
   });
 }
 

@@ -11,6 +11,8 @@
 namespace sfmcpp::optim {
 namespace {
 
+constexpr int kFewIterations = 200;  // that room is made for at the start
+
 class Minimizer {
  public:
   Minimizer(LeastSquaresModel& model,
@@ -67,6 +69,8 @@ class Minimizer {
 
  private:
   void start() {
+    summary_.iterations.reserve(static_cast<std::size_t>(
+        std::min(options_.termination.max_iterations, kFewIterations) + 1));
     model_.normalize(state_);
     cost_ = summary_.initial_cost = model_.linearize(state_);
     now_ = Iteration{.cost = cost_};

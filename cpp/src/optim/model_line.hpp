@@ -10,22 +10,30 @@
 
 namespace sfmcpp::optim {
 
+// Kept from line to line, as it is as large as the model.
+struct LineRoom {
+  State trial;  // for the second evaluation and those after it
+  std::vector<std::pair<StepLengths, double>> evaluated;
+};
+
 class ModelLine final : public StepLine {
  public:
-  // `best` and `trial` are room for states; `trial` is used from the second evaluation on. The
-  // other references must outlive this object.
+  // `best` is room for a state. The references must outlive this object.
   ModelLine(LeastSquaresModel& model,
             const State& start,
             const linear::Step& step,
             double cost_at_start,
             State& best,
-            State& trial)
+            LineRoom& room)
       : model_(model),
         start_(start),
         step_(step),
         cost_at_start_(cost_at_start),
         best_(best),
-        trial_(trial) {}
+        trial_(room.trial),
+        evaluated_(room.evaluated) {
+    evaluated_.clear();
+  }
 
   double cost_at_start() const override { return cost_at_start_; }
   linear::Slopes slopes_at_start() const override {
@@ -80,7 +88,7 @@ class ModelLine final : public StepLine {
   State& trial_;
   StepLengths best_lengths_;
   double best_cost_ = std::numeric_limits<double>::infinity();
-  std::vector<std::pair<StepLengths, double>> evaluated_;
+  std::vector<std::pair<StepLengths, double>>& evaluated_;
 };
 
 }  // namespace sfmcpp::optim

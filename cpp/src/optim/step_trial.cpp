@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <utility>
 
-#include "model_line.hpp"
 #include "stopping.hpp"
 
 namespace sfmcpp::optim {
@@ -19,13 +18,13 @@ StepTrial::StepTrial(LeastSquaresModel& model,
       acceleration_(options),
       point_steps_(point_steps_of(options)),
       candidate_{.state = start} {
-  if (line_search_) trial_ = start;
+  if (line_search_) room_.trial = start;
 }
 
 void StepTrial::evaluate(
     const State& start, double cost, double share_left, const linear::Step& step, Iteration& now) {
   cost_ = cost;
-  ModelLine line(model_, start, step, cost, candidate_.state, trial_);
+  ModelLine line(model_, start, step, cost, candidate_.state, room_);
   take_cost_at_unit_length(line.cost(now.lengths));
   if (line_search_ && search_is_due(now)) search(line, now);
   now.cost_evaluations = line.num_evaluations();

@@ -4,6 +4,7 @@
 
 #include <memory>
 
+#include "model_line.hpp"
 #include "sfmcpp/optim/geodesic_acceleration.hpp"
 #include "sfmcpp/optim/line_search.hpp"
 #include "sfmcpp/optim/model.hpp"
@@ -11,8 +12,6 @@
 #include "sfmcpp/optim/summary.hpp"
 
 namespace sfmcpp::optim {
-
-class ModelLine;
 
 struct StepCandidate {
   State state;
@@ -54,7 +53,7 @@ class StepTrial {
   PointSteps point_steps_;
   double cost_ = 0.0;  // at the start of the step
   StepCandidate candidate_;
-  State trial_;  // room for a line search
+  LineRoom room_;
 };
 
 }  // namespace sfmcpp::optim

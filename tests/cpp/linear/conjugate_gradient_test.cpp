@@ -38,20 +38,19 @@ class RandomSystem : public testing::TestWithParam<int> {
 };
 
 TEST_P(RandomSystem, ConvergesWithinAsManyIterationsAsUnknowns) {
-  const auto result = conjugate_gradient(pool,
-                                         map_of(a),
-                                         map_of(MatrixXd::Identity(n, n)),
-                                         b,
-                                         {.tolerance = 1e-9, .max_iterations = n},
-                                         kGoOn,
-                                         x);
+  const auto result = ConjugateGradients(pool).solve(map_of(a),
+                                                     map_of(MatrixXd::Identity(n, n)),
+                                                     b,
+                                                     {.tolerance = 1e-9, .max_iterations = n},
+                                                     kGoOn,
+                                                     x);
   EXPECT_LE(result.iterations, n);
   EXPECT_LT(residual().norm(), 1e-8 * std::sqrt(n));
 }
 
 TEST_P(RandomSystem, WithTheInverseAsPreconditionerTakesOneIteration) {
-  const auto result = conjugate_gradient(
-      pool, map_of(a), map_of(a.inverse()), b, {.tolerance = 1e-8, .max_iterations = 10}, kGoOn, x);
+  const auto result = ConjugateGradients(pool).solve(
+      map_of(a), map_of(a.inverse()), b, {.tolerance = 1e-8, .max_iterations = 10}, kGoOn, x);
   EXPECT_EQ(result.iterations, 1);
   EXPECT_LT(residual().norm(), 1e-8 * std::sqrt(n));
 }
@@ -60,17 +59,16 @@ TEST_P(RandomSystem, WithTheInverseAsPreconditionerTakesOneIteration) {
 TEST_P(RandomSystem, StopsAsSoonAsTheToleranceIsMetInTheNormItNames) {
   const MatrixXd m = a.diagonal().cwiseInverse().asDiagonal();
   const auto norm = [&](const VectorXd& v) { return std::sqrt(v.dot(m * v)); };
-  const auto result = conjugate_gradient(
-      pool, map_of(a), map_of(m), b, {.tolerance = 1e-2, .max_iterations = 1000}, kGoOn, x);
+  const auto result = ConjugateGradients(pool).solve(
+      map_of(a), map_of(m), b, {.tolerance = 1e-2, .max_iterations = 1000}, kGoOn, x);
   EXPECT_LE(norm(residual()), 1.0001e-2 * norm(VectorXd::Ones(n)));
   if (result.iterations == 0) return;
-  conjugate_gradient(pool,
-                     map_of(a),
-                     map_of(m),
-                     b,
-                     {.tolerance = 1e-2, .max_iterations = result.iterations - 1},
-                     kGoOn,
-                     x);
+  ConjugateGradients(pool).solve(map_of(a),
+                                 map_of(m),
+                                 b,
+                                 {.tolerance = 1e-2, .max_iterations = result.iterations - 1},
+                                 kGoOn,
+                                 x);
   EXPECT_GT(norm(residual()), 1e-2 * norm(VectorXd::Ones(n)));
 }
 
@@ -85,13 +83,12 @@ TEST(ConjugateGradient, StopsSoonAfterItIsAsked) {
   std::vector<double> x;
   int asked = 0;
   const auto at_third_time = [&] { return ++asked == 3; };
-  const auto result = conjugate_gradient(pool,
-                                         map_of(a),
-                                         map_of(identity),
-                                         b,
-                                         {.tolerance = 1e-14, .max_iterations = 1000},
-                                         at_third_time,
-                                         x);
+  const auto result = ConjugateGradients(pool).solve(map_of(a),
+                                                     map_of(identity),
+                                                     b,
+                                                     {.tolerance = 1e-14, .max_iterations = 1000},
+                                                     at_third_time,
+                                                     x);
   EXPECT_EQ(asked, 3);
   EXPECT_LT(result.iterations, 60);
   EXPECT_GT(result.iterations, 0);
@@ -105,19 +102,18 @@ TEST(ConjugateGradient, StopsAtTheFirstIterationThatTheForcingSequenceFindsTooPo
   std::vector<double> b(n), x;
   for (int k = 0; k < n; ++k) b[k] = std::sin(k);
   const auto model_after = [&](int iterations) {
-    conjugate_gradient(pool,
-                       map_of(a),
-                       map_of(identity),
-                       b,
-                       {.tolerance = 1e-14, .max_iterations = iterations},
-                       kGoOn,
-                       x);
+    ConjugateGradients(pool).solve(map_of(a),
+                                   map_of(identity),
+                                   b,
+                                   {.tolerance = 1e-14, .max_iterations = iterations},
+                                   kGoOn,
+                                   x);
     const Map<const VectorXd> at(x.data(), n), rhs(b.data(), n);
     return 0.5 * at.dot(a * at) - rhs.dot(at);
   };
   const double forcing = 0.05;
-  const auto result = conjugate_gradient(
-      pool, map_of(a), map_of(identity), b, {.tolerance = 1e-14, .forcing = forcing}, kGoOn, x);
+  const auto result = ConjugateGradients(pool).solve(
+      map_of(a), map_of(identity), b, {.tolerance = 1e-14, .forcing = forcing}, kGoOn, x);
   int expected = 1;
   while (expected * (model_after(expected) - model_after(expected - 1)) / model_after(expected) >=
          forcing)
@@ -129,8 +125,8 @@ TEST(ConjugateGradient, StopsAtTheFirstIterationThatTheForcingSequenceFindsTooPo
 TEST(ConjugateGradient, OfAZeroRightHandSideIsZeroAtOnce) {
   std::vector<double> x(4, 7.0);
   const MatrixXd a = random_spd(4, 1);
-  const auto result = conjugate_gradient(
-      pool, map_of(a), map_of(a), std::vector<double>(4, 0.0), {.tolerance = 1e-6}, kGoOn, x);
+  const auto result = ConjugateGradients(pool).solve(
+      map_of(a), map_of(a), std::vector<double>(4, 0.0), {.tolerance = 1e-6}, kGoOn, x);
   EXPECT_EQ(result.iterations, 0);
   EXPECT_TRUE(result.finite);
   EXPECT_EQ(x, std::vector<double>(4, 0.0));
@@ -141,8 +137,8 @@ TEST(ConjugateGradient, SaysSoWhenTheRightHandSideIsNotFinite) {
   const MatrixXd a = random_spd(3, 1);
   const std::vector<double> b{1.0, std::nan(""), 0.0};
   EXPECT_FALSE(
-      conjugate_gradient(
-          pool, map_of(a), map_of(a), b, {.tolerance = 1e-6, .max_iterations = 10}, kGoOn, x)
+      ConjugateGradients(pool)
+          .solve(map_of(a), map_of(a), b, {.tolerance = 1e-6, .max_iterations = 10}, kGoOn, x)
           .finite);
 }
 

@@ -34,18 +34,17 @@ class HeldPoints {
 
  private:
   double growth_of_cameras() const;
-  std::vector<int> suspects(const optim::State& start, const optim::State& candidate) const;
-  void suspect(const optim::State& start,
-               const optim::State& candidate,
-               int chunk,
-               double least,
-               std::vector<char>& suspected) const;
+  void find_suspects(const optim::State& start, const optim::State& candidate);
+  void suspect(const optim::State& start, const optim::State& candidate, int chunk, double least);
 
   const ImageResiduals& images_;
   const std::vector<char>& movable_;
   bool by_camera_;
   PointLanesOfThreads lanes_;
-  std::vector<double> start_, candidate_;  // of each chunk
+  std::vector<double> start_, candidate_;                 // of each chunk
+  mutable std::vector<CompensatedSum> costs_of_cameras_;  // at the start, then at the candidate
+  std::vector<char> suspected_;                           // of each point
+  std::vector<int> suspects_;
 };
 
 }  // namespace sfmcpp::ba

@@ -54,13 +54,13 @@ class ImageResiduals {
   // `of_chunk(c)` fits chunk c: their sum.
   template <class F>
   ImageFit sum_over_chunks(const F& of_chunk, std::vector<double>* costs = nullptr) const {
-    std::vector<ChunkFit> fits(graph_.chunks.size());
-    pool_.parallel_for(static_cast<int>(fits.size()), [&](int c) { fits[c] = of_chunk(c); });
+    fits_.resize(graph_.chunks.size());
+    pool_.parallel_for(static_cast<int>(fits_.size()), [&](int c) { fits_[c] = of_chunk(c); });
     if (costs != nullptr) {
-      costs->resize(fits.size());
-      for (std::size_t c = 0; c < fits.size(); ++c) (*costs)[c] = fits[c].cost.value();
+      costs->resize(fits_.size());
+      for (std::size_t c = 0; c < fits_.size(); ++c) (*costs)[c] = fits_[c].cost.value();
     }
-    return total(fits);
+    return total();
   }
   // Whether observations may be asked for one by one, by the next two: not of a camera model that
   // is a function, whose calls are for all.
@@ -106,7 +106,7 @@ class ImageResiduals {
   void copy_pixels();
   bool is_plain() const { return !is_robust() && whiteners_.shear.empty() && !function_images_; }
   ChunkFit chunk_fit(const optim::State& state, const linear::Chunk& chunk) const;
-  ImageFit total(const std::vector<ChunkFit>& fits) const;
+  ImageFit total() const;
 
   const Problem& problem_;
   const linear::ObservationGraph& graph_;
@@ -115,6 +115,7 @@ class ImageResiduals {
   residuals::ReprojectionKernels kernels_;
   residuals::CostKernels cost_kernels_;
   mutable std::optional<residuals::FunctionImages> function_images_;  // of the last pass
+  mutable std::vector<ChunkFit> fits_;                                // of the last pass
   Loss loss_;
   AlignedVector<double> u_, v_;
   residuals::Whiteners whiteners_;  // empty where all observations have a σ of 1 px

@@ -40,14 +40,17 @@ class PointRefits {
   void mark_beyond_model(const linear::NormalEquations& normal,
                          const linear::Step& step,
                          double least,
-                         double focal2,
-                         char* beyond) const;
+                         double focal2);
   double mean_squared_focal(const optim::State& state) const;
 
   const ImageResiduals& images_;
   const std::vector<char>& movable_;
   PointLanesOfThreads lanes_;
   double inverse_variance_;  // mean of 1/σ²
+  // Of each point: passes in a row in which its step has failed, plus one; 0 where it is at rest.
+  std::vector<char> tries_;
+  std::vector<char> poor_;   // which still fit poorly
+  std::vector<int> points_;  // of a pass
 };
 
 }  // namespace sfmcpp::ba

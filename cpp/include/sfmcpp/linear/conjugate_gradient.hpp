@@ -27,15 +27,28 @@ struct ConjugateGradientResult {
 
 using LinearMap = std::function<void(const std::vector<double>& in, std::vector<double>& out)>;
 
-// Solves A x = b from x = 0, until a rule of the options or `should_stop`. Vectors may be
-// distributed over the ranks of an exchange, each of which holds some of their entries.
-ConjugateGradientResult conjugate_gradient(ThreadPool& pool,
-                                           const LinearMap& a,
-                                           const LinearMap& preconditioner,
-                                           const std::vector<double>& b,
-                                           const ConjugateGradientOptions& options,
-                                           const std::function<bool()>& should_stop,
-                                           std::vector<double>& x,
-                                           Exchange& exchange = this_process());
+// For one system after another: vectors are kept.
+class ConjugateGradients {
+ public:
+  // The references must outlive this object. Vectors may be distributed over the ranks of an
+  // exchange, each of which holds some of their entries.
+  explicit ConjugateGradients(ThreadPool& pool, Exchange& exchange = this_process())
+      : pool_(pool), exchange_(exchange) {}
+
+  // Solves A x = b from x = 0, until a rule of the options or `should_stop`.
+  ConjugateGradientResult solve(const LinearMap& a,
+                                const LinearMap& preconditioner,
+                                const std::vector<double>& b,
+                                const ConjugateGradientOptions& options,
+                                const std::function<bool()>& should_stop,
+                                std::vector<double>& x);
+
+ private:
+  double product(const std::vector<double>& u, const std::vector<double>& v) const;
+
+  ThreadPool& pool_;
+  Exchange& exchange_;
+  std::vector<double> residual_, z_, direction_, a_direction_;
+};
 
 }  // namespace sfmcpp::linear

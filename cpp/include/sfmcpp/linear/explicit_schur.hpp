@@ -59,7 +59,8 @@ class ExplicitSchurSolver final : public LinearSolver {
   std::unique_ptr<ReducedSolver> reduced_;
   // The block rows that each worker forms; of each camera of a batch where cameras share columns.
   std::vector<AlignedVector<double>> rows_;
-  AlignedVector<double> rhs_;  // Σ Jᵀ r̄ per camera
+  AlignedVector<double> rhs_;    // Σ Jᵀ r̄ per camera
+  std::vector<double> damping_;  // λD
 };
 
 }  // namespace sfmcpp::linear

@@ -139,6 +139,7 @@ class NormalEquations {
   const std::vector<double>& camera_rhs() const { return camera_rhs_; }
   const std::vector<double>& camera_diagonal() const { return camera_diagonal_; }
   std::vector<double> camera_damping(const Damping& damping) const;  // λD
+  void get_camera_damping(const Damping& damping, std::vector<double>& diagonal) const;
   // Holds reduced columns: their entries of λD are so large that steps hardly move them. None:
   // holds none.
   void hold(std::vector<char> columns) { held_ = std::move(columns); }
@@ -209,7 +210,7 @@ class NormalEquations {
   long gradient_size() const { return (compensated_ ? 2L : 1L) * map_.camera_size; }
   // A gradient, a diagonal, and what is rounded off of both.
   long chunk_size() const { return 2 * gradient_size(); }
-  void sum_chunks(long first, std::vector<double>& values) const;
+  void sum_chunks(long first, std::vector<double>& values);
   void sum_gradients();
   Place place_of(const Chunk& part, Draft& draft);
   void take(const Chunk& part, const double* jacobian, const PointRecord* records, int chunk);
@@ -229,7 +230,8 @@ class NormalEquations {
   std::variant<Blocks<double>, Blocks<float>> blocks_;
   AlignedVector<PointBlock> point_blocks_;
   AlignedVector<double> chunk_sums_;  // per chunk: gradient, then diagonal, of a camera block
-  AlignedVector<double> gradients_;   // of each camera block, where the Jacobian is rounded
+  std::vector<CompensatedSum> column_sums_;  // room for sums of chunks
+  AlignedVector<double> gradients_;          // of each camera block, where the Jacobian is rounded
   std::vector<double> camera_rhs_;
   std::vector<double> camera_diagonal_;
   double gradient_max_norm_ = 0.0;

@@ -89,7 +89,7 @@ class SupernodalCholesky {
   // False if the matrix is not positive definite.
   bool factorize(ThreadPool& pool);
   // x ← A⁻¹ x, in the order of elimination.
-  void solve(std::span<double> x, ThreadPool& pool) const;
+  void solve(std::span<double> x, ThreadPool& pool);
   // The same for every column.
   void solve(Eigen::MatrixXd& x, ThreadPool& pool) const;
 
@@ -105,12 +105,13 @@ class SupernodalCholesky {
   double log_determinant() const;
 
  private:
-  // Of one thread: the update that is under way.
+  // Of one thread: the update that is under way, and rows of a right-hand side.
   struct Work {
     UpdateMap map;
     UpdateTriangle outside;  // shape of the triangle
     int height = 0;
     std::vector<ProductTile> tiles;
+    std::vector<double> rows;
   };
 
   double* panel(int s) { return values_.data() + s_.panel[s].first; }
@@ -139,6 +140,8 @@ class SupernodalCholesky {
   std::vector<UpdateMap> triangle_maps_;
   std::vector<ProductScratch> scratch_;  // of each thread
   std::vector<Work> work_;
+  std::vector<Outside> outside_;  // of each set of subtrees
+  std::vector<char> failed_;      // of each set of subtrees
 };
 
 }  // namespace sfmcpp::linear
