@@ -132,11 +132,13 @@ def _place_of_help(error: Exception, arguments: list[str], program: Any) -> str:
 
 
 def _usage_message(error: Exception, arguments: list[str], program: Any) -> str:
+    meant = likely_meant(error, arguments, program)
+    if meant and hasattr(error, "possibilities"):  # options of similar spelling
+        error.possibilities = None
     message: str = error.format_message()  # type: ignore[attr-defined]
     for own_words, in_ours in _refused_values(error):
         message = message.replace(own_words, in_ours)
     said = " ".join(message.split()).rstrip(".")
-    meant = likely_meant(error, arguments, program)
     said += f"; {meant}" if meant else ""
     return f"{said} (see '{_place_of_help(error, arguments, program)} --help')"
 

@@ -5,6 +5,24 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+# What options are called in other programs, without their hyphens.
+_OTHER_WORDS = {
+    "--camera": "calib calibration camera-params intrinsics k",
+    "--fps": "frame-rate framerate rate",
+    "--loss": "kernel robust robust-kernel robust-loss robustifier",
+    "--mask": "masks mask-path",
+    "--masks": "mask mask-path",
+    "--matcher": "matching matching-method",
+    "--max-iterations": "iterations max-num-iterations num-iterations",
+    "--output": "out output-dir output-folder output-path out-dir workspace-path",
+    "--threads": "j jobs num-cpus num-threads workers",
+    "--truth": "ground-truth groundtruth gt ref reference",
+    "--view": "gui show viewer visualize",
+}
+_WORDS_OF_INPUTS = "database-path i image-path images in input input-path video"
+_SENSORS = {"gyro": "imu", "gyroscope": "imu", "odometry": "odometer", "wheels": "odometer"}
+_SENSORS |= {name: name for name in ("imu", "ins", "gps", "odometer")}
+
 
 def likely_meant(error: Exception, arguments: list[str], program: Any) -> str:
     """What to change in the command, in a few words.
@@ -30,7 +48,8 @@ def likely_meant(error: Exception, arguments: list[str], program: Any) -> str:
     if context.command is program:
         return _option_too_early(option, program) if option else _path_as_command(arguments)
     if option:
-        return _one_hyphen(arguments, _names_of_options(context.command))
+        known = _names_of_options(context.command)
+        return _one_hyphen(arguments, known) or _other_word(option.lower(), known)
     if "unexpected extra argument" in str(error) and "--output" in _names_of_options(context.command):
         return "an output is given by its option: -o PATH"
     return ""
@@ -55,6 +74,17 @@ def _one_hyphen(arguments: list[str], known: set[str]) -> str:
     words = (each.partition("=")[0] for each in arguments)
     long = next((f"-{each}" for each in words if not each.startswith("--") and f"-{each}" in known), None)
     return f"did you mean {long}?" if long else ""
+
+
+def _other_word(option: str, known: set[str]) -> str:
+    """An option by the name that it has in another program."""
+    word = option.lstrip("-").replace("_", "-")
+    if "--sensor" in known and word in _SENSORS:
+        return f"did you mean --sensor {_SENSORS[word]}?"
+    ours = [name for name, words in _OTHER_WORDS.items() if name in known and word in words.split()]
+    if ours:
+        return f"did you mean {ours[0]}?"
+    return "the input is given without an option" if word in _WORDS_OF_INPUTS.split() else ""
 
 
 def _is_there(path: str) -> bool:
