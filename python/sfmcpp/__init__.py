@@ -51,4 +51,5 @@ else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
 
     def __dir__() -> list[str]:
-        return sorted({*globals(), *_PARTS, *__getattr__("__all__")})
+        of_modules = (name for name in globals() if name.startswith("__"))
+        return sorted({*of_modules, *_PARTS, *__getattr__("__all__")})

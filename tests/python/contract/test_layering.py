@@ -261,6 +261,7 @@ def test_using_a_name_of_the_package_loads_numpy_and_no_other_library(name: str)
     [
         "import sfmcpp; assert {'solve', 'Problem', 'sfm', '__version__'} <= set(dir(sfmcpp))",
         "import sfmcpp; assert set(sfmcpp.__all__) <= set(dir(sfmcpp))",
+        "import sfmcpp; assert not {'os', 'Any', 'RLock', 'import_module'} & set(dir(sfmcpp))",
         "from sfmcpp import *; solve, Problem, SCENES",
         "import sfmcpp; sfmcpp.weighting.solve, sfmcpp.geometry.Similarity, sfmcpp._core.SolveOptions",
         "import sfmcpp; assert not hasattr(sfmcpp, 'solv') and not hasattr(sfmcpp, '_solve')",
