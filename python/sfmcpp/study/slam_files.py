@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 TRAJECTORY, KEYFRAMES, POINTS, VIEW = "trajectory.txt", "keyframes.txt", "points.ply", "view.html"
 TOP_VIEW, WEIGHTS, TRADE_OFF, SCALE = "trajectory.png", "weights.png", "trade_off.png", "scale.png"
 FILES = (TRAJECTORY, KEYFRAMES, POINTS, VIEW, REPORT, TOP_VIEW, WEIGHTS, TRADE_OFF, SCALE)
-# Counts that the page shows.
-_FACTS = ("frames", "keyframes", "points", "bridged", "lost")
+# Counts that the page shows, by what it calls them.
+_FACTS = {name: name for name in ("frames", "keyframes", "points", "bridged")} | {"predicted": "lost"}
 
 
 def write_files(report: SlamReport, folder: Path) -> list[Path]:
@@ -109,8 +109,16 @@ def _draw_top_view(report: SlamReport, trajectory: Trajectory, problem: Problem,
         truth=truth,
         alignment=report.alignment,
         unit=_unit_of_map(report, truth is not None),
+        predicted=_predicted(report),
     )
     save_figure(figure, path)
+
+
+def _predicted(report: SlamReport) -> list[int]:
+    """Places in the trajectory of the frames whose images say too little."""
+    result = report.run.result
+    lost = set(result.lost)
+    return [place for place, frame in enumerate(sorted(result.poses)) if frame in lost]
 
 
 def _unit_of_map(report: SlamReport, aligned: bool = False) -> str:
@@ -157,7 +165,8 @@ def _scene(report: SlamReport, trajectory: Trajectory, problem: Problem) -> Scen
         problem.cameras,
         truth_name="",
         unit=_unit_of_map(report),
-        facts={name: f"{run.totals[name]:,}" for name in _FACTS},
+        facts={name: f"{run.totals[total]:,}" for name, total in _FACTS.items()},
+        predicted=_predicted(report),
         east_north_up=run.origin is not None,
     )
     if comparison is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from os import PathLike
 from typing import Any
@@ -36,6 +36,8 @@ class Scene:
         What the legend says of them.
     unit : str
         Of lengths; empty for a map of unknown scale.
+    predicted : sequence of int
+        Places in the path where images said too little.
     facts : mapping of str to str
         Names and values for the panel.
     east_north_up : bool
@@ -54,6 +56,7 @@ class Scene:
     truth: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     truth_name: str = "truth"
     unit: str = ""
+    predicted: Sequence[int] = ()
     facts: Mapping[str, str] = field(default_factory=dict)
     east_north_up: bool = False
 
@@ -113,6 +116,7 @@ def _data(scene: Scene) -> dict[str, Any]:
         "cameras": packed(_transformed_cameras(scene.cameras, moved)),
         "truthName": scene.truth_name,
         "unit": scene.unit,
+        "predicted": [int(place) for place in scene.predicted],
         "north": turn[:, 1].tolist() if scene.east_north_up else None,
         "facts": list(scene.facts.items()),
         # From a height in the page to one above the first centre.

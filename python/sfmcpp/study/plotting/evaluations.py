@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -94,6 +96,7 @@ def plot_top_view(
     truth: FloatArray | None = None,
     alignment: str = "",
     unit: str = "",
+    predicted: Sequence[int] = (),
 ) -> Figure:
     """Plot a path from above, x to the right and z upwards, in the frame of a camera that looks along z.
 
@@ -111,6 +114,8 @@ def plot_top_view(
         How the path was brought to the truth, for the legend.
     unit : str
         Of lengths; empty for a map of unknown scale.
+    predicted : sequence of int
+        Places in the path where images said too little.
 
     Returns
     -------
@@ -125,6 +130,9 @@ def plot_top_view(
     label = f"estimate, {alignment}" if alignment else "estimate"
     _draw_paths(axes, None if truth is None else truth[:, [0, 2]], path[:, [0, 2]], label)
     axes.plot(keyframes[:, 0], keyframes[:, 2], ".", color=COLORS[0], markersize=5, label="keyframes")
+    if len(predicted):
+        there = path[list(predicted)]
+        axes.plot(there[:, 0], there[:, 2], "x", color=COLORS[3], markersize=5, label="predicted frames")
     _set_limits(axes, low, high)
     axes.set_title("Camera trajectory, top view", fontsize=11)
     axes.set_xlabel(f"x, right [{unit}]" if unit else "x, right (unknown scale)")

@@ -112,12 +112,14 @@ def test_numbers_that_are_not_finite_are_refused() -> None:
 
 def test_a_browser_draws_path_and_points_in_their_colours(tmp_path: Path) -> None:
     truth = street().path + np.array([0.5, 0.0, 0.0])
-    save_scene_page(street(truth=truth, truth_name="truth"), tmp_path / "view.html")
+    scene = street(truth=truth, truth_name="truth", predicted=np.arange(8, 12))
+    save_scene_page(scene, tmp_path / "view.html")
     picture = screenshot(tmp_path / "view.html", tmp_path / "view.png")
     drawing = picture[:560, 300:]  # beside and above the panels
     assert drawing.std() > 0.03
     assert count_near(drawing, (255, 122, 89)) > 500  # the path, a line across most of the window
     assert count_near(drawing, (242, 193, 78)) > 100  # the truth, dashed
+    assert count_near(drawing, (224, 90, 208)) > 100  # predicted frames
     saturated = (drawing.max(axis=2) - drawing.min(axis=2)) > 0.25
     assert saturated.sum() > 1500
 

@@ -40,6 +40,14 @@ def test_truth_is_drawn_beside_an_estimate_whose_alignment_is_named() -> None:
     assert "[m]" in figure.axes[0].get_xlabel()
 
 
+def test_predicted_frames_are_marked() -> None:
+    assert drawn(plot_top_view(PATH, PATH[:1], POINTS, predicted=[1, 2]))["predicted frames"] == [
+        [1, 2],
+        [1.5, 8],
+    ]
+    assert "predicted frames" not in drawn(plot_top_view(PATH, PATH[:1], POINTS))
+
+
 def test_window_and_figure_have_the_shape_of_the_paths_whatever_the_points() -> None:
     figure = plot_top_view(PATH, PATH, POINTS, truth=PATH + 1)
     axes = figure.axes[0]
