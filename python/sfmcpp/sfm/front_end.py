@@ -1,8 +1,8 @@
 """Match graph of a folder of photos: features, pairs, matches and two-view geometry.
 
-What takes long is kept by its content, if a cache is given: features by the photo, matches by the two photos,
-geometry by matches and intrinsics. So a run that was interrupted goes on where it was, and one more photo
-costs its own pairs only.
+What takes long is kept by its content, if a cache is given: features by the photo, the choice of pairs by all
+photos, matches by two, geometry by matches and intrinsics. So a run that was interrupted goes on where it
+was, and one more photo costs its own pairs only.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from sfmcpp.sources.vision import (
 )
 
 # Raised when the same input gives another result than before.
-_FEATURES_VERSION, _MATCHES_VERSION, _GEOMETRY_VERSION = 2, 2, 2
+_FEATURES_VERSION, _PAIRS_VERSION, _MATCHES_VERSION, _GEOMETRY_VERSION = 2, 1, 2, 2
 # Each searches a photo in 350 MB.
 _MOST_DETECTORS = 16
 
@@ -176,19 +176,20 @@ class _Work:
             return self._run_tasks("features", self._features_of, photos, _MOST_DETECTORS)
 
     def pairs(self, photos: Sequence[Photo], features: Sequence[Features]) -> list[ImagePair]:
-        settings = self.settings
-        with self._timed("pairs"):
+        def begin_or_go_on() -> None:
             report_progress(self.progress, "pairs", 0, 1)
-            chosen = choose_pairs(
-                photos,
-                features,
-                settings.matcher,
-                seed=settings.seed,
-                threads=thread_count(settings.threads),
-                heed=lambda: report_progress(self.progress, "pairs", 0, 1),
-            )
+
+        def choose() -> Arrays:
+            settings, threads = self.settings, thread_count(self.settings.threads)
+            matcher, seed = settings.matcher, settings.seed
+            chosen = choose_pairs(photos, features, matcher, seed=seed, threads=threads, heed=begin_or_go_on)
+            return {"pairs": np.array(chosen, dtype=np.int32).reshape(-1, 2)}
+
+        with self._timed("pairs"):
+            begin_or_go_on()
+            found = self._from_cache_or_computed("pairs", self._pairs_key(photos), choose)
             report_progress(self.progress, "pairs", 1, 1)
-        return chosen
+        return [(i, j) for i, j in found["pairs"].tolist()]
 
     def matches(
         self, photos: Sequence[Photo], features: Sequence[Features], pairs: Sequence[ImagePair]
@@ -261,6 +262,13 @@ class _Work:
         digests = [photo.digest for photo in photos]
         parts = (digests, self.settings.features, _FEATURES_VERSION, detector_version())
         return cache_key(*parts) if all(digests) else ""
+
+    def _pairs_key(self, photos: Sequence[Photo]) -> str:
+        features = self._features_key(*photos)
+        told = [(photo.name, photo.position, photo.taken_s) for photo in photos]
+        return features and cache_key(
+            features, told, self.settings.matcher, self.settings.seed, _PAIRS_VERSION
+        )
 
     def _matches_key(self, *photos: Photo) -> str:
         features = self._features_key(*photos)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +120,22 @@ def test_one_more_photo_costs_its_own_pairs_only(tmp_path: Path, monkeypatch: py
     write_photo(folder / "1a.png", SCENE[:, 50:300])
     assert len(graph_of(folder, cache).pairs) == 6
     assert calls.since() == (1, 3, 3)
+
+
+def test_pairs_are_chosen_once_for_the_same_photos_by_the_same_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, chosen = write_set(tmp_path / "photos", 3), []
+    choose = front_end.choose_pairs
+    monkeypatch.setattr(
+        front_end, "choose_pairs", lambda *a, **o: chosen.append(choose(*a, **o)) or chosen[-1]
+    )
+    pairs = [[(p.first, p.second) for p in graph_of(folder, tmp_path / "cache").pairs] for _ in range(2)]
+    assert pairs == [chosen[0]] * 2
+    next(folder.iterdir()).rename(folder / "9.png")
+    graph_of(folder, tmp_path / "cache")
+    graph_of(folder, tmp_path / "cache", settings=replace(SETTINGS, matcher="sequential"))
+    assert len(chosen) == 3
 
 
 @pytest.mark.parametrize(
