@@ -616,7 +616,7 @@ class CoreLinearModel:
     """
     The linear model of a problem at one state.
     """
-    def __init__(self, arrays: dict, options: SolveOptions, ridge: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
+    def __init__(self, arrays: dict, options: SolveOptions, ridge: typing.SupportsFloat | typing.SupportsIndex = 0.0, datum: str = 'cameras') -> None:
         ...
     def __reduce_ex__(self, protocol: typing.SupportsInt | typing.SupportsIndex) -> tuple:
         ...

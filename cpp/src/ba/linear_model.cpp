@@ -4,6 +4,8 @@
 #include <cmath>
 #include <string>
 
+#include <Eigen/LU>
+
 #include "linear_model_work.hpp"
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/cameras/pose.hpp"
@@ -65,22 +67,44 @@ void LinearModel::add_camera(const WorldMotions& world, int camera, MatrixXd& mo
   for (int k = 0; k < 3; ++k) set(first + k, world.extent() * world.lever(camera)[k] * growth);
 }
 
-// N and H⁻ N: of the motions of the world, those for which the fixed gauge holds columns.
+// The roots of W, by which poses count whatever the number of points and the unit of the world. One
+// camera, or several in one place, tell no size: then all columns count.
+VectorXd LinearModel::datum_roots(const MatrixXd& motions) const {
+  constexpr double kUnseen = 1e-12;  // of a motion, over what poses see best
+  const VectorXd ones = VectorXd::Ones(num_columns());
+  if (datum_ == Datum::kAll) return ones;
+  const double extent = WorldMotions(problem_, work_->space.graph, state_).extent();
+  VectorXd roots = VectorXd::Zero(num_columns());
+  for (int i = 0; i < num_cameras(); ++i) {
+    for_each_column(map_, i, [&](int k, int column) {
+      if (k < kPoseTangent) roots[column] = k < 3 ? 1.0 : 1.0 / extent;
+    });
+  }
+  const MatrixXd seen = roots.asDiagonal() * motions;
+  const VectorXd sizes = symmetric_spectrum(seen.transpose() * seen).values;
+  return sizes[0] > kUnseen * sizes[sizes.size() - 1] ? roots : ones;
+}
+
+// Of the motions of the world, those for which the fixed gauge holds columns.
 void LinearModel::find_unseen() {
   if (held_.empty()) return;
-  unseen_ =
-      orthonormal_columns(motions() * free_similarities(problem_, work_->space.graph, state_));
+  const MatrixXd moved = motions() * free_similarities(problem_, work_->space.graph, state_);
+  const VectorXd roots = datum_roots(moved);
+  const MatrixXd seen = roots.asDiagonal() * moved;
+  unseen_ = moved * (orthonormal_columns(seen).transpose() * seen).inverse();
+  const MatrixXd weighted = roots.cwiseAbs2().asDiagonal() * unseen_;
   const Index count = unseen_.cols();
   MatrixXd camera = MatrixXd::Zero(work_->space.map.num_columns, count);
   MatrixXd point = MatrixXd::Zero(3L * num_points(), count);
   for (std::size_t c = 0; c < inner_.size(); ++c) {
-    if (inner_[c] != kNoColumn) camera.row(inner_[c]) = unseen_.row(static_cast<Index>(c));
+    if (inner_[c] != kNoColumn) camera.row(inner_[c]) = weighted.row(static_cast<Index>(c));
   }
   for (std::size_t k = 0; k < points_.size(); ++k)
     point.middleRows<3>(3L * points_[k]) =
-        unseen_.middleRows<3>(map_.num_columns + 3 * static_cast<Index>(k));
+        weighted.middleRows<3>(map_.num_columns + 3 * static_cast<Index>(k));
   solve_all(camera, point);
   of_unseen_ = assembled(camera, point);
+  among_unseen_ = weighted.transpose() * of_unseen_;
 }
 
 namespace {
@@ -114,14 +138,18 @@ Loss per_unit_weight(const residuals::ConstraintGroup& group) {
 
 }  // namespace
 
-LinearModel::LinearModel(const Problem& problem, const SolveOptions& options, double ridge)
-    : LinearModel(problem, options, state_of(problem), ridge) {}
+LinearModel::LinearModel(const Problem& problem,
+                         const SolveOptions& options,
+                         double ridge,
+                         Datum datum)
+    : LinearModel(problem, options, state_of(problem), ridge, datum) {}
 
 LinearModel::LinearModel(const Problem& problem,
                          const SolveOptions& options,
                          const optim::State& state,
-                         double ridge)
-    : ridge_(ridge), problem_(problem), state_(state) {
+                         double ridge,
+                         Datum datum)
+    : ridge_(ridge), datum_(datum), problem_(problem), state_(state) {
   OptionsCheck check;
   check.require(ridge >= 0.0 && std::isfinite(ridge), "ridge", ridge, "finite and not negative");
   check.done();

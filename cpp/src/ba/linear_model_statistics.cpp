@@ -192,7 +192,7 @@ MatrixXd LinearModel::covariance(std::span<const int> columns) {
   MatrixXd result = rhs.transpose() * solve(rhs);
   add_points(columns, result);
   require_determined(columns, result);
-  return in_the_gauge(columns, result, unseen_.transpose() * of_unseen_);
+  return in_the_gauge(columns, result);
 }
 
 // What points have of themselves, with all cameras held.
@@ -207,10 +207,8 @@ void LinearModel::add_points(std::span<const int> columns, MatrixXd& result) con
   }
 }
 
-// Of columns with that covariance in the fixed gauge; `among_unseen` is Nᵀ H⁻ N.
-MatrixXd LinearModel::in_the_gauge(std::span<const int> columns,
-                                   MatrixXd covariance,
-                                   const MatrixXd& among_unseen) const {
+// Of columns with that covariance in the fixed gauge.
+MatrixXd LinearModel::in_the_gauge(std::span<const int> columns, MatrixXd covariance) const {
   if (unseen_.size() > 0) {
     const auto count = static_cast<Index>(columns.size());
     MatrixXd n(count, unseen_.cols()), of_n(count, unseen_.cols());
@@ -218,7 +216,7 @@ MatrixXd LinearModel::in_the_gauge(std::span<const int> columns,
       n.row(k) = unseen_.row(columns[k]);
       of_n.row(k) = of_unseen_.row(columns[k]);
     }
-    covariance += n * among_unseen * n.transpose() - of_n * n.transpose() - n * of_n.transpose();
+    covariance += n * among_unseen_ * n.transpose() - of_n * n.transpose() - n * of_n.transpose();
   }
   return 0.5 * (covariance + covariance.transpose());
 }
@@ -265,13 +263,12 @@ void LinearModel::covariance_blocks(std::span<const int> columns, int width, dou
                           : work_->solver->inverse_product(rhs, worker);
     add_points(chosen(k).columns, found[k]);
   });
-  const MatrixXd among_unseen = unseen_.transpose() * of_unseen_;
   for (int k = 0; k < count; ++k) {
     const Chosen block = chosen(k);
     require_determined(block.columns, found[k]);
     Eigen::Map<MatrixXd> of_block(out + Index{width} * width * k, width, width);
     of_block.setZero();
-    of_block(block.places, block.places) = in_the_gauge(block.columns, found[k], among_unseen);
+    of_block(block.places, block.places) = in_the_gauge(block.columns, found[k]);
   }
 }
 

@@ -42,14 +42,16 @@ py::array_t<T> filled(const Shape& shape, const F& fill) {
 
 std::unique_ptr<LinearModel> linearize(const py::dict& arrays,
                                        const ba::SolveOptions& options,
-                                       double ridge) {
+                                       double ridge,
+                                       const std::string& datum) {
+  const auto chosen = parse_enum<ba::Datum>(datum);
   const KeptArrays kept(arrays);
   ba::Problem problem = problem_of(arrays);
   const residuals::ConstraintSet constraints = constraints_of(arrays, problem);
   problem.constraints = &constraints;
   return or_failures_of(problem, [&] {
     const ReleasedGil released;
-    return std::make_unique<LinearModel>(problem, options, ridge);
+    return std::make_unique<LinearModel>(problem, options, ridge, chosen);
   });
 }
 
@@ -121,6 +123,7 @@ void def_state(py::class_<LinearModel>& c) {
         py::arg("arrays"),
         py::arg("options"),
         py::arg("ridge") = 0.0,
+        py::arg("datum") = "cameras",
         py::keep_alive<1, 2>())
       .def_property_readonly("cost", &LinearModel::cost)
       .def_property_readonly("loss_scale_px", &LinearModel::loss_scale)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import wraps
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -107,6 +107,16 @@ class LinearStep:
     problem: Problem
     errors: list[FloatArray]
     decrease: float
+
+    @classmethod
+    def of(cls, problem: Problem, found: dict[str, Any]) -> LinearStep:
+        """Of what the core has found."""
+        before = {name: getattr(problem, name) for name in ("cameras", "intrinsics", "points")}
+        moved: dict[str, Any] = {name: found[name].reshape(x.shape) for name, x in before.items()}
+        if problem.rigs is not None:
+            sensors = found["rig_sensors"].reshape(problem.rigs.sensors.shape)
+            moved["rigs"] = replace(problem.rigs, sensors=sensors)
+        return cls(replace(problem, **moved), found["errors"], found["decrease"])
 
 
 def moved_to_cameras(of_frames: Covariance, by_frame: FloatArray, by_sensor: FloatArray | None) -> Covariance:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +26,7 @@ from sfmcpp.model import CameraFunction, LossFunction, Problem
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_not_negative
-from sfmcpp.model.names import Gauge, Loss
+from sfmcpp.model.names import Datum, Gauge, Loss
 from sfmcpp.model.residual_group import Group, checked_groups
 
 if TYPE_CHECKING:
@@ -47,11 +46,12 @@ class LinearModel:
     the pose columns of a camera are those of its frame; if sensors are free, each has another six.
 
     Covariances, leverages and what follows from them use the inverse of H. In the free gauge H is singular,
-    and its Moore–Penrose pseudo-inverse is meant: the covariance of the solution of least norm ("inner
-    constraints", over all columns as they are, radians beside lengths beside pixels), unless fixed cameras,
-    fixed points or constraints leave no similarity of the world free. In the fixed gauge the parameters that
-    are held have no column, and the plain inverse is meant. All are for observations of exact σ; where all σ
-    are right up to a common factor, :attr:`variance_factor` estimates what to multiply by.
+    unless fixed cameras, fixed points or constraints leave no similarity of the world free, and the datum
+    says what covariances refer to. "cameras": the mean of the cameras, for the solution whose poses move
+    least, centres in units of their extent. Points that images hardly tell have no part in it. "all": the
+    Moore–Penrose pseudo-inverse, for the solution of least norm over all columns as they are, radians beside
+    lengths beside pixels. In the fixed gauge what is held has no column, and the plain inverse is meant. All
+    are for exact σ of observations; :attr:`variance_factor` estimates a factor that all may be off by.
 
     Parameters
     ----------
@@ -63,6 +63,8 @@ class LinearModel:
         Of these, the loss, the gauge ("auto" is "free") and the threads matter.
     ridge : float
         Share of its diagonal added to H where it is inverted.
+    datum : {"cameras", "all"}
+        What covariances in the free gauge refer to; "all" where cameras in one place tell no size.
 
     Attributes
     ----------
@@ -101,10 +103,11 @@ class LinearModel:
         constraints: Iterable[Group],
         options: SolveOptions,
         ridge: float = 0.0,
+        datum: Datum = "cameras",
     ) -> None:
         groups, problem = checked_groups(constraints), with_own_fields(problem)
         arrays = {**core_arrays(problem), "constraints": core_constraints(groups, problem)}
-        self._problem, self._core = problem, _core.CoreLinearModel(arrays, options, ridge)
+        self._problem, self._core = problem, _core.CoreLinearModel(arrays, options, ridge, datum)
         self.camera_index, self.point_index = arrays["camera_index"], arrays["point_index"]
         rigs, poses = problem.rigs, problem.cameras
         self._by_frame = None if rigs is None else rigs.motions(poses)
@@ -350,13 +353,7 @@ class LinearModel:
         LinearStep
             The state at the minimum, and the errors and the decrease of the cost that the model predicts.
         """
-        found = self._core.step()
-        before = {name: getattr(self._problem, name) for name in ("cameras", "intrinsics", "points")}
-        moved: dict[str, Any] = {name: found.pop(name).reshape(x.shape) for name, x in before.items()}
-        sensors, rigs = found.pop("rig_sensors"), self._problem.rigs
-        if rigs is not None:
-            moved["rigs"] = replace(rigs, sensors=sensors.reshape(rigs.sensors.shape))
-        return LinearStep(replace(self._problem, **moved), **found)
+        return LinearStep.of(self._problem, self._core.step())
 
 
 def linearize(
@@ -366,6 +363,7 @@ def linearize(
     loss: Loss | LossFunction = "squared",
     loss_scale_px: float | Literal["auto"] = 1.0,
     gauge: Gauge = "auto",
+    datum: Datum = "cameras",
     threads: int = 0,
 ) -> LinearModel:
     """Linearise a problem at its current state, for Jacobians, covariances and leverages.
@@ -383,6 +381,8 @@ def linearize(
     gauge : {"auto", "free", "fixed"}
         "free", and "auto" with it: all parameters have columns, covariances are those of the free network.
         "fixed": the first pose and the scale are held, unless something else determines them.
+    datum : {"cameras", "all"}
+        What covariances of the free network refer to: see :class:`LinearModel`.
     threads : int
         0: automatic. Does not change the result.
 
@@ -397,4 +397,4 @@ def linearize(
         If the problem, a group or an option breaks a rule.
     """
     options = SolveOptions(loss=loss, loss_scale_px=loss_scale_px, gauge=gauge, threads=threads)
-    return LinearModel(problem, constraints, options)
+    return LinearModel(problem, constraints, options, datum=datum)

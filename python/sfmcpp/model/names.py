@@ -28,3 +28,4 @@ LineSearch: TypeAlias = Literal["none", "g-als", "t-als", "exact", "soft", "back
 LinearSolver: TypeAlias = Literal["auto", "dense", "sparse", "iterative"]
 Loss: TypeAlias = Literal["squared", "huber", "cauchy", "tukey", "geman-mcclure", "truncated", "auto"]
 Gauge: TypeAlias = Literal["auto", "free", "fixed"]
+Datum: TypeAlias = Literal["cameras", "all"]

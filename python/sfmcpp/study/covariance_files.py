@@ -79,7 +79,7 @@ class Covariances:
         """Gauge of the covariances."""
         if self.freedoms == 0:
             return "the frame that fixed parameters or positions give"
-        return f"the mean of all cameras and points, as {self.freedoms} gauge freedoms are left"
+        return f"the mean of all cameras, as {self.freedoms} gauge freedoms are left"
 
     def to_dict(self) -> dict[str, Any]:
         """Entries of a report."""

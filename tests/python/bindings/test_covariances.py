@@ -170,7 +170,9 @@ def test_axes_of_the_image_may_differ_in_their_noise_alone() -> None:
 def test_the_linear_model_is_that_of_the_whitened_residuals() -> None:
     problem = scene()
     sfmcpp.solve(problem, function_tolerance=1e-10)
-    model, plain = sfmcpp.linearize(problem), sfmcpp.linearize(replace(problem, covariance_px2=None))
+    model, plain = (
+        sfmcpp.linearize(p, datum="all") for p in (problem, replace(problem, covariance_px2=None))
+    )
     assert problem.covariance_px2 is not None
     rows = np.asarray(plain.jacobian().todense()).reshape(problem.num_observations, 2, -1)
     expected = (whitening(problem.covariance_px2) @ rows).reshape(2 * problem.num_observations, -1)

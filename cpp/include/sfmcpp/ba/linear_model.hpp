@@ -6,10 +6,12 @@
 // with J, H and the factorised Schur complement S of the solver itself. Nothing is derived twice.
 //
 // Columns: the reduced ones of cameras and intrinsics (parameter_map.hpp), then three for each
-// point that may move. In the free gauge they are all columns, H is singular and its pseudo-inverse
-// is meant: with x* any solution where the columns of choose_gauge() are held, and N an orthonormal
-// basis of what H does not see, H⁺ = (I − NNᵀ) H⁻ (I − NNᵀ). In the fixed gauge held columns are
-// left out and the inverse is meant.
+// point that may move. In the free gauge they are all columns, H is singular, and the inverse that
+// the datum chooses is meant: with H⁻ the inverse where the columns of choose_gauge() are held, W
+// weights of the columns and N a basis of what H does not see with NᵀWN = I,
+// (I − NNᵀW) H⁻ (I − WNNᵀ), the covariance of the solution with the least δᵀWδ (Baarda's S-
+// transformation; Teunissen 1985). In the fixed gauge held columns are left out and the inverse is
+// meant.
 #pragma once
 
 #include <memory>
@@ -23,6 +25,7 @@
 #include "sfmcpp/ba/problem.hpp"
 #include "sfmcpp/ba/solve_options.hpp"
 #include "sfmcpp/core/eigen_allocator.hpp"
+#include "sfmcpp/core/enum_names.hpp"
 #include "sfmcpp/math/decompositions.hpp"
 #include "sfmcpp/optim/state.hpp"
 #include "sfmcpp/residuals/constraint_set.hpp"
@@ -30,6 +33,23 @@
 namespace sfmcpp::ba {
 
 class WorldMotions;
+
+// What covariances of a free network refer to: the columns that have a weight.
+enum class Datum { kCameras, kAll };
+
+}  // namespace sfmcpp::ba
+
+template <>
+struct sfmcpp::EnumTraits<sfmcpp::ba::Datum> {
+  static constexpr std::string_view kWhat = "datum";
+  static constexpr auto kTable = std::to_array<EnumRow<ba::Datum>>(
+      {{ba::Datum::kCameras,
+        "cameras",
+        "poses alone, rotations in radians and centres over their extent"},
+       {ba::Datum::kAll, "all", "all columns, as they are: the pseudo-inverse"}});
+};
+
+namespace sfmcpp::ba {
 
 // A group's errors and their derivatives, without the weight of the group; members of weight zero
 // have no rows.
@@ -60,8 +80,12 @@ class LinearModel {
   LinearModel(const Problem& problem,
               const SolveOptions& options,
               const optim::State& state,
-              double ridge = 0.0);
-  LinearModel(const Problem& problem, const SolveOptions& options, double ridge = 0.0);
+              double ridge = 0.0,
+              Datum datum = Datum::kCameras);
+  LinearModel(const Problem& problem,
+              const SolveOptions& options,
+              double ridge = 0.0,
+              Datum datum = Datum::kCameras);
   ~LinearModel();
   LinearModel(const LinearModel&) = delete;
   LinearModel& operator=(const LinearModel&) = delete;
@@ -121,6 +145,7 @@ class LinearModel {
   void factorize();
   void require_sensors();
   void find_unseen();
+  Eigen::VectorXd datum_roots(const Eigen::MatrixXd& motions) const;
   Eigen::MatrixXd motions() const;
   void add_camera(const WorldMotions& world, int camera, Eigen::MatrixXd& motions) const;
   Eigen::MatrixXd assembled(const Eigen::MatrixXd& camera, const Eigen::MatrixXd& point) const;
@@ -129,14 +154,13 @@ class LinearModel {
   SparseColumns reduced(std::span<const int> columns) const;
   Eigen::MatrixXd solve(const SparseColumns& rhs) const;
   void add_points(std::span<const int> columns, Eigen::MatrixXd& covariance) const;
-  Eigen::MatrixXd in_the_gauge(std::span<const int> columns,
-                               Eigen::MatrixXd covariance,
-                               const Eigen::MatrixXd& among_unseen) const;
+  Eigen::MatrixXd in_the_gauge(std::span<const int> columns, Eigen::MatrixXd covariance) const;
   Eigen::MatrixXd hat_with_points(const ConstraintRows& group);
   Eigen::MatrixXd hat_of_cameras(const ConstraintRows& group);
   void solve_all(Eigen::MatrixXd& camera, Eigen::MatrixXd& point);
 
   double ridge_;
+  Datum datum_;
   residuals::ConstraintSet constraints_;
   Problem problem_;
   optim::State state_;
@@ -152,7 +176,8 @@ class LinearModel {
   std::vector<Eigen::MatrixXd> hats_;   // of each group, once asked for
   linear::Step step_;                   // to the minimum, in the fixed gauge
   Eigen::MatrixXd inverse_;             // S⁻¹, once needed
-  Eigen::MatrixXd unseen_, of_unseen_;  // N and H⁻ N, rows by columns
+  Eigen::MatrixXd unseen_, of_unseen_;  // N and H⁻WN, rows by columns
+  Eigen::MatrixXd among_unseen_;        // NᵀWH⁻WN
 };
 
 }  // namespace sfmcpp::ba

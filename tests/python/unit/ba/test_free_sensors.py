@@ -210,7 +210,7 @@ def test_free_covariance_is_the_pseudo_inverse(place: float) -> None:
     np.testing.assert_allclose(rigs.cameras(frames), problem.cameras, atol=1e-12)
     problem = seen_often(problem)
     sfmcpp.solve(problem)
-    model = sfmcpp.linearize(problem)
+    model = sfmcpp.linearize(problem, datum="all")
     found = model.covariance(cameras=[4]).cameras[0]
     inverse = np.linalg.pinv(model.normal_matrix().toarray(), rcond=1e-11, hermitian=True)
     motion = np.eye(12)

@@ -9,30 +9,18 @@ from scipy.spatial.transform import Rotation
 
 import sfmcpp
 from constrained import positions, random_group, scene, weighted_errors
+from dense_models import (
+    METRIC,
+    assert_same_covariance,
+    dense_covariance,
+    odd_problem,
+    problem_of,
+    root_of_normal_matrix,
+)
 from sfmcpp import CONSTRAINT_KINDS, ConstraintGroup, InvalidArgument, LinearModel, Problem
 
 Array = NDArray[np.float64]
 STEP = 1e-6
-METRIC = ("calibrated", "perspective", "shared", "bal")
-
-
-def problem_of(camera_model: str) -> Problem:
-    """Each model, perturbed; "shared" has two rows of intrinsics for three cameras each."""
-    name = "perspective" if camera_model == "shared" else camera_model
-    truth = sfmcpp.circle_scene(6, 24, camera_model=name, pixel_sigma_px=1.0, seed=1)
-    private = sfmcpp.perturb(truth, point_sigma_m=0.1, position_sigma_m=0.1, rotation_sigma_deg=1.0, seed=2)
-    if camera_model != "shared":
-        return private
-    return Problem(
-        "perspective",
-        private.cameras,
-        private.intrinsics[:2].copy(),
-        private.points,
-        private.camera_index,
-        private.point_index,
-        private.pixels,
-        intrinsics_index=np.repeat(np.arange(2, dtype=np.int32), 3),
-    )
 
 
 def stepped(problem: Problem, model: LinearModel, step: Array) -> Problem:
@@ -50,55 +38,6 @@ def stepped(problem: Problem, model: LinearModel, step: Array) -> Problem:
     free = model.point_columns >= 0
     moved.points[free] += step[model.num_camera_columns :].reshape(-1, 3)
     return moved
-
-
-def root_of_normal_matrix(model: LinearModel) -> Array:
-    """All rows, those of constraints times the roots of their weights: H is its square."""
-    rows = [model.jacobian().toarray()]
-    for group in model.groups:
-        own = np.sqrt(group.weight) * group.jacobian().toarray()
-        rows.append(np.pad(own, ((0, 0), (0, model.num_columns - own.shape[1]))))
-    return np.concatenate(rows)
-
-
-def exact_inverse(matrix: Array) -> Array:
-    """Of a positive definite matrix of long doubles, by Gauss and Jordan: NumPy has no more than doubles."""
-    n, scale = len(matrix), np.sqrt(np.diag(matrix))
-    both = np.concatenate([matrix / np.outer(scale, scale), np.eye(n, dtype=np.longdouble)], axis=1)
-    for k in range(n):
-        both[k] /= both[k, k]
-        factors = both[:, k].copy()
-        factors[k] = 0
-        both -= np.outer(factors, both[k])
-    return np.asarray(both[:, n:] / np.outer(scale, scale))
-
-
-def dense_covariance(model: LinearModel) -> Array:
-    """H⁻¹, or ``H⁺ = (H + NNᵀ)⁻¹ − NNᵀ`` with N an orthonormal basis of what H does not see."""
-    root = root_of_normal_matrix(model)
-    _, sizes, vectors = np.linalg.svd(root, full_matrices=False)
-    unseen = vectors[sizes < 1e-10 * sizes[0]].T.astype(np.longdouble)
-    normal = root.astype(np.longdouble).T @ root
-    if unseen.shape[1]:  # sharper, by inverse iteration
-        unseen = exact_inverse(normal + 1e-6 * np.eye(len(normal))) @ unseen
-        for j in range(unseen.shape[1]):
-            for _ in range(2):
-                unseen[:, j] -= unseen[:, :j] @ (unseen[:, :j].T @ unseen[:, j])
-            unseen[:, j] /= np.sqrt(unseen[:, j] @ unseen[:, j])
-    both = unseen @ unseen.T
-    return np.asarray(exact_inverse(normal + both) - both, dtype=np.float64)
-
-
-def assert_same_covariance(found: Array, expected: Array) -> None:
-    scale = np.sqrt(np.diag(expected))
-    assert (np.abs(found - expected) <= 1e-9 * np.outer(scale, scale)).all()
-
-
-def odd_problem(camera_model: str) -> Problem:
-    """With a fixed point beside the free ones, which leaves the gauge a turn and a growth."""
-    problem = problem_of(camera_model)
-    problem.fixed_points[3] = True
-    return problem
 
 
 @pytest.mark.parametrize("camera_model", METRIC)
@@ -143,7 +82,7 @@ def test_covariances_are_those_of_the_dense_normal_matrix(
 ) -> None:
     problem = odd_problem(camera_model)
     groups = [positions(problem, problem, weight=300.0)] if constrained else []
-    model = sfmcpp.linearize(problem, constraints=groups, gauge=gauge)
+    model = sfmcpp.linearize(problem, constraints=groups, gauge=gauge, datum="all")
     expected = dense_covariance(model)
     found = model.covariance(cameras="all", points="all", joint=True)
     of_points = np.where(model.point_columns[:, None] < 0, -1, model.point_columns[:, None] + np.arange(3))
@@ -167,7 +106,7 @@ def test_the_free_gauge_of_bare_images_has_seven_freedoms_and_covariances_of_lea
     camera_model: str,
 ) -> None:
     problem = problem_of(camera_model)
-    free, fixed = (sfmcpp.linearize(problem, gauge=gauge) for gauge in ("free", "fixed"))
+    free, fixed = (sfmcpp.linearize(problem, gauge=gauge, datum="all") for gauge in ("free", "fixed"))
     assert free.num_columns - fixed.num_columns == 7
     assert free.num_determined == np.linalg.matrix_rank(root_of_normal_matrix(free)) == fixed.num_determined
     assert_same_covariance(free.covariance(points=[5]).points[0], _point_block(free, 5))
@@ -191,7 +130,8 @@ def test_a_camera_that_constraints_alone_hold_moves_with_the_world() -> None:
     poses = np.concatenate([seen.cameras, np.tile([[[0.0, 0.0, 0.0, 1.0]]], (6, 1, 1))], axis=1)
     steps = np.linalg.inv(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
     odometer = ConstraintGroup("displacement-pose", pairs, steps[:, :3], weight=100.0)
-    model = sfmcpp.linearize(seen.with_observations(seen.camera_index != 3), constraints=[odometer])
+    unseen = seen.with_observations(seen.camera_index != 3)
+    model = sfmcpp.linearize(unseen, constraints=[odometer], datum="all")
     for camera, found in enumerate(model.covariance(cameras="all").cameras):
         columns = model.camera_columns[camera]
         assert_same_covariance(found, dense_covariance(model)[np.ix_(columns, columns)])

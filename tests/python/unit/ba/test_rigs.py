@@ -279,7 +279,7 @@ def test_free_covariance_is_the_pseudo_inverse(case: str) -> None:
     if case == "sensor without images":  # the first of its frames
         problem = seen_from_two_frames(problem.with_observations(problem.camera_index % 3 != 0))
     sfmcpp.solve(problem)
-    model = sfmcpp.linearize(problem, constraints=groups)
+    model = sfmcpp.linearize(problem, constraints=groups, datum="all")
     found = model.covariance(cameras=[4]).cameras[0]
     inverse = np.linalg.pinv(model.normal_matrix().toarray(), rcond=1e-11, hermitian=True)
     motion = rigs_of(problem).motions(problem.cameras)[4]
