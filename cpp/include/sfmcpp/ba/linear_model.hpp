@@ -39,8 +39,10 @@ enum class Datum { kCameras, kAll };
 
 }  // namespace sfmcpp::ba
 
+namespace sfmcpp {
+
 template <>
-struct sfmcpp::EnumTraits<sfmcpp::ba::Datum> {
+struct EnumTraits<ba::Datum> {
   static constexpr std::string_view kWhat = "datum";
   static constexpr auto kTable = std::to_array<EnumRow<ba::Datum>>(
       {{ba::Datum::kCameras,
@@ -48,6 +50,8 @@ struct sfmcpp::EnumTraits<sfmcpp::ba::Datum> {
         "poses alone, rotations in radians and centres over their extent"},
        {ba::Datum::kAll, "all", "all columns, as they are: the pseudo-inverse"}});
 };
+
+}  // namespace sfmcpp
 
 namespace sfmcpp::ba {
 
