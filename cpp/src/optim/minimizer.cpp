@@ -11,8 +11,6 @@
 namespace sfmcpp::optim {
 namespace {
 
-constexpr int kFewIterations = 200;  // that room is made for at the start
-
 class Minimizer {
  public:
   Minimizer(LeastSquaresModel& model,
@@ -69,8 +67,8 @@ class Minimizer {
 
  private:
   void start() {
-    summary_.iterations.reserve(static_cast<std::size_t>(
-        std::min(options_.termination.max_iterations, kFewIterations) + 1));
+    summary_.iterations.reserve(
+        static_cast<std::size_t>(std::min(options_.termination.max_iterations, 200) + 1));
     model_.normalize(state_);
     cost_ = summary_.initial_cost = model_.linearize(state_);
     now_ = Iteration{.cost = cost_};
