@@ -42,7 +42,7 @@ def gauge(case: Case) -> Iterator[Finding]:
         case.skipped.append(f"gauge: not computed above {_MOST_OBSERVATIONS:,} observations")
         return
     try:
-        motions = free_motions(linearize(problem, constraints=case.constraints), problem)
+        motions = _free_motions(linearize(problem, constraints=case.constraints), problem)
     except InvalidArgument as error:
         case.skipped.append(f"gauge: {error}")
         return
@@ -86,7 +86,7 @@ def _freedoms_finding(case: Case, motions: FloatArray) -> Finding:
     )
 
 
-def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
+def _free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     """(k, 7) orthonormal similarities under which no residual changes, to first order.
 
     They are the null space of ``(J T)ᵀ (J T)``: J is the Jacobian of observations and constraints, T the
@@ -103,11 +103,11 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     poses, anchors = _moving_poses(problem)
     of_cameras = np.zeros((*model.camera_columns.shape, 7))
     of_cameras[:, :3] = _rotation_responses(poses[:, :, :3])
-    of_cameras[:, 3:6] = motions_in_scene(problem, poses[:, :, 3])
+    of_cameras[:, 3:6] = _motions_in_scene(problem, poses[:, :, 3])
     of_cameras[:, 3:6, _SCALE] += anchors
     if problem.rigs is not None and problem.rigs.free_sensors.any():
         of_cameras[:, -3:, _SCALE] = _sensor_lever_arms(problem.rigs)[problem.rigs.sensor_of_camera]
-    of_points = motions_in_scene(problem, problem.points)
+    of_points = _motions_in_scene(problem, problem.points)
     held = _held_by_observations(model, problem, of_cameras, of_points) + _held_by_rigs(problem)
     columns = model.camera_columns
     of_columns = np.zeros((model.num_columns, 7))
@@ -121,8 +121,8 @@ def free_motions(model: LinearModel, problem: Problem) -> FloatArray:
     return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
 
 
-def motions_in_scene(problem: Problem, positions: FloatArray) -> FloatArray:
-    """(n, 3, 7) responses of positions to the similarities of :func:`free_motions`, in units of the scene."""
+def _motions_in_scene(problem: Problem, positions: FloatArray) -> FloatArray:
+    """(n, 3, 7) responses of positions to the similarities of `_free_motions`, in units of the scene."""
     middle = problem.centres.mean(axis=0)
     extent = np.linalg.norm(problem.centres - middle, axis=1).max() or 1.0
     return np.asarray(extent * motions_of_positions((positions - middle) / extent))

@@ -10,7 +10,6 @@ import numpy as np
 from sfmcpp.ba import LinearModel, SolveOptions, Summary, adjust
 from sfmcpp.doctor.case import TRIAL_CAMERAS, TRIAL_OBSERVATIONS, Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.gauge import free_motions, motions_in_scene
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import fit_similarity
 from sfmcpp.model import Problem
@@ -63,7 +62,7 @@ def _worst_cameras(case: Case, summary: Summary) -> Iterator[Finding]:
     if not len(seen):
         return
     model = LinearModel(problem, case.constraints, SolveOptions())
-    sigmas = _sigmas_of_centres(model, problem, seen) * _noise_ratio(case, summary, model)
+    sigmas = _sigmas_of_centres(model, seen) * _noise_ratio(case, summary, model)
     extent = float(np.median(np.linalg.norm(problem.points - np.median(problem.points, axis=0), axis=1)))
     worst = np.argsort(-sigmas, kind="stable")[:3]
     listed = ", ".join(f"{case.name_of_camera(int(seen[k]))} ±{sigmas[k]:.2g}" for k in worst)
@@ -90,23 +89,10 @@ def _noise_ratio(case: Case, summary: Summary, model: LinearModel) -> float:
     return float(summary.final_rms_px * np.sqrt(residuals / max(residuals - determined, 1)))
 
 
-def _sigmas_of_centres(model: LinearModel, problem: Problem, cameras: IndexArray) -> FloatArray:
-    """(c,) standard deviations of centres, in the frame that fits them best as far as none is given.
-
-    The S-transformation to inner constraints of the centres (Baarda, S-transformations and criterion
-    matrices, 1973): points far away do not count, whose errors would be those of the frame.
-    """
-    joint = model.covariance(cameras=cameras, joint=True).joint
-    assert joint is not None
-    size = len(joint) // len(cameras)
-    rows = (size * np.arange(len(cameras))[:, None] + np.arange(3, 6)).reshape(-1)
-    variances = joint[np.ix_(rows, rows)]
-    frame = (
-        motions_in_scene(problem, problem.centres[cameras]).reshape(-1, 7) @ free_motions(model, problem).T
-    )
-    inner = np.eye(len(frame)) - frame @ np.linalg.pinv(frame)
-    variances = inner @ variances @ inner
-    return np.asarray(np.sqrt(np.maximum(np.diag(variances), 0).reshape(-1, 3).sum(axis=1)))
+def _sigmas_of_centres(model: LinearModel, cameras: IndexArray) -> FloatArray:
+    """(c,) standard deviations of centres, in the frame of the cameras as far as none is given."""
+    of_centres = model.covariance(cameras=cameras).cameras[:, 3:6, 3:6]
+    return np.asarray(np.sqrt(np.maximum(np.trace(of_centres, axis1=1, axis2=2), 0)))
 
 
 def _other_basins(case: Case, summary: Summary) -> Iterator[Finding]:

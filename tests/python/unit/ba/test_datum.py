@@ -16,31 +16,38 @@ from dense_models import (
     problem_of,
     root_of_normal_matrix,
 )
-from sfmcpp import InvalidArgument
+from sfmcpp import InvalidArgument, Problem
 
 
-@pytest.mark.parametrize("camera_model", METRIC)
-@pytest.mark.parametrize("fixed", [False, True])
+def problem_with(freedoms: int, camera_model: str) -> Problem:
+    """Bare images leave seven freedoms, a rig, which has a size, six, and a fixed point four."""
+    if freedoms == 6:
+        return sfmcpp.rig_walk_scene(12, 60, seed=0)
+    return problem_of(camera_model) if freedoms == 7 else odd_problem(camera_model)
+
+
+@pytest.mark.parametrize(
+    ("freedoms", "camera_model"), [(6, ""), *((n, name) for n in (4, 7) for name in METRIC)]
+)
 def test_the_datum_of_cameras_is_an_s_transformation_of_the_pseudo_inverse(
-    camera_model: str, fixed: bool
+    freedoms: int, camera_model: str
 ) -> None:
     """With the projector ``I − N (NᵀWN)⁻¹ NᵀW``, W of poses, centres in units of their extent."""
-    problem = odd_problem(camera_model) if fixed else problem_of(camera_model)
+    problem = problem_with(freedoms, camera_model)
     model = sfmcpp.linearize(problem)
     offsets = np.linalg.norm(problem.centres - problem.centres.mean(axis=0), axis=1)
     weights = np.zeros(model.num_columns)
     weights[model.camera_columns[:, :3]] = 1.0
     weights[model.camera_columns[:, 3:6]] = offsets.max() ** -2
     _, sizes, vectors = np.linalg.svd(root_of_normal_matrix(model), full_matrices=False)
-    unseen = vectors[sizes < 1e-10 * sizes[0]].T
-    assert unseen.shape[1] == (4 if fixed else 7)
+    unseen = vectors[-freedoms:].T
+    assert sizes[-freedoms] < 1e-6 * sizes[-freedoms - 1]
     weighted = weights[:, None] * unseen
     projector = np.eye(len(weights)) - unseen @ np.linalg.solve(unseen.T @ weighted, weighted.T)
     expected = projector @ dense_covariance(model) @ projector.T
-    found = model.covariance(cameras=[0, 4], points=[5], joint=True).joint
-    columns = np.concatenate([model.camera_columns[[0, 4]].ravel(), model.point_columns[5] + np.arange(3)])
-    among = expected[np.ix_(columns, columns)]
-    assert found is not None
+    point = model.point_columns[problem.point_index[0]]
+    columns = np.concatenate([model.camera_columns[[0, 3]].ravel(), point + np.arange(3)])
+    found, among = model.covariance_of_columns(columns), expected[np.ix_(columns, columns)]
     assert (np.abs(found - among) <= 1e-7 * np.sqrt(np.outer(np.diag(among), np.diag(among)))).all()
 
 
