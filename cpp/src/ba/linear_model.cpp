@@ -71,7 +71,7 @@ void LinearModel::add_camera(const WorldMotions& world, int camera, MatrixXd& mo
 // camera, or several in one place, tell no size: then all columns count.
 VectorXd LinearModel::datum_roots(const MatrixXd& motions) const {
   constexpr double kUnseen = 1e-12;  // of a motion, over what poses see best
-  const VectorXd ones = VectorXd::Ones(num_columns());
+  VectorXd ones = VectorXd::Ones(num_columns());
   if (datum_ == Datum::kAll) return ones;
   const double extent = WorldMotions(problem_, work_->space.graph, state_).extent();
   VectorXd roots = VectorXd::Zero(num_columns());

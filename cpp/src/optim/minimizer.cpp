@@ -67,8 +67,7 @@ class Minimizer {
 
  private:
   void start() {
-    summary_.iterations.reserve(
-        static_cast<std::size_t>(std::min(options_.termination.max_iterations, 200) + 1));
+    summary_.iterations.reserve(1UL + std::min(options_.termination.max_iterations, 200));
     model_.normalize(state_);
     cost_ = summary_.initial_cost = model_.linearize(state_);
     now_ = Iteration{.cost = cost_};
