@@ -55,6 +55,7 @@ from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.still_features import without_still_features
 from sfmcpp.sfm.stops import RepeatedProgress, never, stopped_by
 from sfmcpp.sfm.turned_cameras import with_turned_cameras
 from sfmcpp.sources.io.colmap.database import is_database
@@ -274,6 +275,8 @@ def _scene_of_photos(
     if len(graph.photos) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
     with run.timed("mapping"):
+        graph, told = without_still_features(graph, _known_rows(cameras), front, run.progress)
+        run.warnings += told
         graph = with_turned_cameras(graph, cameras)
         return Scene.of(graph, _with_guessed_focals(graph, cameras, run))
 
