@@ -94,7 +94,8 @@ def contradiction_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
     names = f"{graph.photos[worst.first].name} and {graph.photos[worst.second].name}"
     return (
         f"{len(pairs)} pairs of images match well but contradict the model, first {names} "
-        f"({len(worst.verified)} matches): with repeated or symmetric structure, the model may be folded"
+        f"({len(worst.verified)} matches): with repeated or symmetric structure, the model may be folded, "
+        "and with one focal length for photos of several, bent"
     )
 
 
