@@ -19,7 +19,9 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.adjustment import ROUGH
 from sfmcpp.sfm.cameras import Cameras
+from sfmcpp.sfm.contradictions import contradicting_pairs
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
+from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
 
@@ -34,16 +36,19 @@ _MOST_NAMED = 3
 
 
 def differing_focals(
-    models: Sequence[Map], cameras: Cameras, settings: IncrementalSettings, sharing: str
+    graph: MatchGraph, models: Sequence[Map], cameras: Cameras, settings: IncrementalSettings, sharing: str
 ) -> list[str]:
     """Warn of images that share a camera by default, but whose own focal lengths differ.
 
     Parameters
     ----------
+    graph : MatchGraph
+        Images, features and pairs.
     models : sequence of Map
         Finished models; they stay as they are.
     cameras : Cameras
-        What was known of the cameras at the start: those with a free focal length are examined.
+        What was known of the cameras at the start: guessed focal lengths are examined, and where pairs
+        contradict the model, those that files tell.
     settings : IncrementalSettings
         The loss.
     sharing : str
@@ -57,7 +62,12 @@ def differing_focals(
     if sharing != "auto":
         return []
     for world in models:
-        if (found := _own_focals(world, cameras, settings)) is not None and (text := _warning(world, found)):
+        pairs = contradicting_pairs(graph, world, settings)
+        torn = np.unique([(pair.first, pair.second) for pair in pairs]).astype(np.intp)
+        free = ~cameras.fixed[:, _F] & (cameras.guessed | bool(len(torn)))
+        if (found := _own_focals(world, free, settings)) is not None and (
+            text := _warning(world, found, torn)
+        ):
             return [text]
     return []
 
@@ -71,10 +81,10 @@ class _OwnFocals:
     sigmas: FloatArray
 
 
-def _own_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> _OwnFocals | None:
-    """What adjusting the focal length of each image gives, where that tells something."""
+def _own_focals(world: Map, free: BoolArray, settings: IncrementalSettings) -> _OwnFocals | None:
+    """What adjusting the focal length of each image of `free` cameras (G,) gives, if it tells something."""
     local = world.whole_problem(2)
-    problem, chosen = _with_own_focals(local.problem, ~cameras.fixed[local.cameras, _F])
+    problem, chosen = _with_own_focals(local.problem, free[local.cameras])
     if not chosen.any() or (before := sigmas_of_intrinsics(problem)) is None:
         return None
     summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, **ROUGH)
@@ -85,8 +95,12 @@ def _own_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> 
     return _OwnFocals(local.images[chosen], shares, before[chosen, _F] / focals)
 
 
-def _warning(world: Map, found: _OwnFocals) -> str:
-    """What is to be said of them; empty if they are alike."""
+def _warning(world: Map, found: _OwnFocals, torn: NDArray[np.intp]) -> str:
+    """What is to be said of them; empty if they are alike. Pairs with `torn` images contradict the model.
+
+    Where focal lengths are hardly determined, as in flights, errors of the lens move them beyond their σ, but
+    the model fits all pairs.
+    """
     logs = np.log(np.maximum(found.shares, 1e-6))
     remedy = "one for all bends the model; if a zoom or several cameras were used, give --shared-camera each"
     if mad_sigma(logs) > max(_LEAST_SPREAD, _SIGMAS * float(np.median(found.sigmas))):
@@ -94,7 +108,8 @@ def _warning(world: Map, found: _OwnFocals) -> str:
             "photos that share a camera seem to differ in focal length: adjusted one by one, theirs are "
             f"{found.shares.min():.2f} to {found.shares.max():.2f} of the median, and {remedy} (or folder)"
         )
-    far = np.flatnonzero(np.abs(logs) > np.maximum(np.log1p(_LEAST_CHANGE), _SIGMAS_OF_ONE * found.sigmas))
+    is_far = np.abs(logs) > np.maximum(np.log1p(_LEAST_CHANGE), _SIGMAS_OF_ONE * found.sigmas)
+    far = np.flatnonzero(is_far & np.isin(found.images, torn))
     if not len(far):
         return ""
     far = far[np.argsort(-np.abs(logs[far]), kind="stable")]

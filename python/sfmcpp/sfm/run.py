@@ -24,7 +24,7 @@ from sfmcpp.model.threads import Progress, at_most_threads, no_progress
 from sfmcpp.sfm.adjustment import fix_what_few_images_held
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
-from sfmcpp.sfm.camera_choice import held_camera_warnings
+from sfmcpp.sfm.camera_choice import camera_warnings
 from sfmcpp.sfm.cameras import (
     FREE_INTRINSICS,
     CameraArgument,
@@ -393,8 +393,8 @@ def _finished_run(
             *run.warnings,
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
-            *held_camera_warnings(grown.models, scene.cameras),
-            *differing_focals(grown.models, scene.cameras, run.settings, run.sharing),
+            *camera_warnings(grown.models, scene.cameras),
+            *differing_focals(scene.graph, grown.models, scene.cameras, run.settings, run.sharing),
         ],
         interrupted=grown.interrupted,
     )

@@ -175,6 +175,6 @@ def _warning(still: Sequence[BoolArray]) -> str:
     features = sum(int(np.count_nonzero(some)) for some in still) / images
     return (
         f"{features:.0f} features each of {images} images stand still while the rest moves, and are left "
-        "out: a time stamp, a border, or the background of an object that was turned; if they are the scene, "
-        "mask what moves (--masks)"
+        "out: a time stamp, a border, or what is behind an object that was turned; if the camera stood still "
+        "and others moved, the model is wrong: move the camera between photos"
     )

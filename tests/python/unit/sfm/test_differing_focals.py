@@ -46,12 +46,11 @@ def test_photos_that_do_not_share_by_default_are_not() -> None:
     assert not warned(reconstruct(tracks([1.0, 1.4, 0.8], 11), shared_camera="each"))
 
 
-def test_a_few_photos_of_another_focal_length_are_named_though_one_is_told() -> None:
-    run = reconstruct(tracks([1.0] * 6 + [1.4], 11), camera=700.0)
-    assert any(
-        "000006" in warning and "differ in focal length from others" in warning for warning in run.warnings
-    )
-    assert not any("differ in focal" in w for w in reconstruct(tracks([1.0], 11), camera=700.0).warnings)
+@pytest.mark.parametrize("camera", ["auto", 700.0])
+def test_a_few_photos_of_another_focal_length_are_named(camera: str | float) -> None:
+    said = "2 photos seem to differ in focal length from others"
+    warnings = reconstruct(tracks([1.0] * 5 + [1.6], 11), camera=camera).warnings
+    assert any(said in text and "image_000005" in text and "image_000011" in text for text in warnings)
 
 
 @pytest.mark.parametrize("seed", [11, 12])
