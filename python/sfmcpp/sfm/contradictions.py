@@ -72,13 +72,13 @@ def contradicting_pairs(graph: MatchGraph, world: Map, settings: IncrementalSett
         and inside[pair.second]
         and pair.geometry.kind in ("general", "planar")
         and np.count_nonzero(pair.geometry.inliers) >= _MANY
-        and np.mean(_errors_px(graph, world, pair) <= settings.outlier_px) < _AGREE
+        and np.mean(epipolar_errors_px(graph, world, pair) <= settings.outlier_px) < _AGREE
     ]
     return sorted(found, key=lambda pair: -len(pair.verified))
 
 
-def _errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
-    """Sampson errors [px] that the matches of a pair have by the poses of the model."""
+def epipolar_errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
+    """Sampson errors [px] that the verified matches of a pair have by the poses of the model, (k,)."""
     sides, focal = [], 0.0
     for image, column in ((pair.first, 0), (pair.second, 1)):
         row = pinhole_rows(world.intrinsics[world.image_cameras[image]])
