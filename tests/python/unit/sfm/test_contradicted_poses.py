@@ -1,4 +1,4 @@
-"""An image gets no pose that most of its matches with the model contradict."""
+"""Matches that contradict a model: an image gets no pose that most of its own deny, others are told of."""
 
 from __future__ import annotations
 
@@ -62,3 +62,29 @@ def test_a_camera_that_turned_away_gets_no_pose_from_a_few_wrong_matches(
         assert run.images["turned.jpg"].reason == (
             "its pose contradicts its matches with other images, as 000.jpg"
         )
+
+
+def with_a_walker(graph: MatchGraph, truth: Problem, images: list[int], count: int) -> MatchGraph:
+    """With `count` matches of image 0 with each of `images`, as if they saw what image 1 does."""
+    (near,) = (pair for pair in graph.pairs if (pair.first, pair.second) == (0, 1))
+    features, pairs, row = list(graph.features), list(graph.pairs), truth.intrinsics[0]
+    seen = graph.features[1].pixels[near.verified[:count, 1]]
+    for image in images:
+        before = features[image].pixels
+        features[image] = features_at(np.concatenate([before, seen]))
+        matches = np.column_stack([near.verified[:count, 0], np.arange(count) + len(before)]).astype(np.int32)
+        ends = features[0].pixels[matches[:, 0]], seen
+        pairs.append(Pair(0, image, matches, two_view_geometry(*ends, row, row)))
+    return MatchGraph(graph.photos, features, pairs)
+
+
+@pytest.mark.parametrize(("images", "count", "told"), [([5], 35, 0), ([5, 6], 35, 1), ([5], 300, 1)])
+def test_pairs_that_contradict_a_model_are_told_but_for_a_single_one_of_few_matches(
+    images: list[int], count: int, told: int
+) -> None:
+    truth = sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4)
+    graph = with_a_walker(match_graph(truth, sigma_px=0.3, reach=2), truth, images, count)
+    run = reconstruct(graph, camera=1000.0, camera_model="fixed", subpixel=False, gps="none")
+    found = [text for text in run.warnings if "match well but contradict the model" in text]
+    assert len(found) == told
+    assert all(text.startswith("2 pairs of images" if len(images) == 2 else "2 images") for text in found)
