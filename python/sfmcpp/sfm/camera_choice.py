@@ -28,6 +28,9 @@ _STEPS = ((("k2",), "radial"), (("aspect", "cx", "cy"), "opencv"))
 # Intrinsics stay free if they lower the cost by this part. Noise alone lowers that of M observations by less
 # than 1 / M for each; what other errors of a model lend to any parameter is seldom more than one percent.
 _WORTH = 0.015
+# An estimated aspect ratio beyond this factor is that of no camera: their pixels are square.
+_MOST_UNEVEN = 1.05
+_ASPECT = PERSPECTIVE.index("aspect")
 # So much farther from positions of the images, in the root mean square, is no chance with a dozen of them.
 _BENT = 1.15
 
@@ -97,8 +100,10 @@ def _position_rms(poses: FloatArray, positions: Positions | None, settings: Incr
     return float(np.sqrt(((place.apply(centres) - metres)[good] ** 2).sum(axis=1).mean()))
 
 
-def held_camera_warnings(models: Sequence[Map], cameras: Cameras) -> list[str]:
-    """Let the doctor try other calibrations where focal lengths were given to stay.
+def camera_warnings(models: Sequence[Map], cameras: Cameras) -> list[str]:
+    """Warn of given cameras that the images contradict, and of estimated ones that no camera can be.
+
+    Where focal lengths were given to stay, the doctor tries other calibrations.
 
     Parameters
     ----------
@@ -110,13 +115,30 @@ def held_camera_warnings(models: Sequence[Map], cameras: Cameras) -> list[str]:
     Returns
     -------
     list of str
-        A sentence for each contradiction; nothing where a focal length is estimated.
+        A sentence for each contradiction, and for each model with pixels that are not square.
     """
     if not cameras.fixed[:, PERSPECTIVE.index("f")].all():
-        return []
+        return _uneven_pixels(models)
     warnings = []
     for world in models:
         case = Case(world.whole_problem(2).problem, [], None)
         for examine in (distortion, calibration):
             warnings += [f"the camera as given: {f.what}" for f in examine(case) if f.severity == "warning"]
+    return warnings
+
+
+def _uneven_pixels(models: Sequence[Map]) -> list[str]:
+    """The estimated camera of each model whose pixels are farthest from square, as those of cameras are."""
+    warnings = []
+    for world in models:
+        used = np.unique(world.image_cameras[world.registered])
+        aspects = np.where(world.fixed_intrinsics[used, _ASPECT], 1.0, world.intrinsics[used, _ASPECT])
+        worst = int(np.argmax(np.abs(np.log(np.maximum(aspects, 1e-6)))))
+        if not 1 / _MOST_UNEVEN <= aspects[worst] <= _MOST_UNEVEN:
+            first = np.flatnonzero(world.registered & (world.image_cameras == used[worst]))[0]
+            warnings.append(
+                f"fy / fx of the camera of {world.image_names[first]} is estimated as {aspects[worst]:.2f}, "
+                "but pixels of cameras are square: the images leave it open or were resized unevenly, or the "
+                "model is wrong"
+            )
     return warnings

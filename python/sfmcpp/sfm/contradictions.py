@@ -62,23 +62,34 @@ def contradicting_pairs(graph: MatchGraph, world: Map, settings: IncrementalSett
     Returns
     -------
     list of Pair
-        Those with most matches first.
+        Those with most matches first; none if it is a single one of few matches among many, which somebody
+        who walks through the scene can make.
     """
     inside = world.registered.tolist()
-    found = [
+    looked_at = [
         pair
         for pair in graph.pairs
         if inside[pair.first]
         and inside[pair.second]
         and pair.geometry.kind in ("general", "planar")
         and np.count_nonzero(pair.geometry.inliers) >= _MANY
-        and np.mean(_errors_px(graph, world, pair) <= settings.outlier_px) < _AGREE
     ]
+    found = [
+        pair
+        for pair in looked_at
+        if np.mean(epipolar_errors_px(graph, world, pair) <= settings.outlier_px) < _AGREE
+    ]
+    if len(found) < _FEWEST_PAIRS and _num_matches(found) < _LEAST_PART * _num_matches(looked_at):
+        return []
     return sorted(found, key=lambda pair: -len(pair.verified))
 
 
-def _errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
-    """Sampson errors [px] that the matches of a pair have by the poses of the model."""
+def _num_matches(pairs: Sequence[Pair]) -> int:
+    return sum(int(np.count_nonzero(pair.geometry.inliers)) for pair in pairs)
+
+
+def epipolar_errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
+    """Sampson errors [px] that the verified matches of a pair have by the poses of the model, (k,)."""
     sides, focal = [], 0.0
     for image, column in ((pair.first, 0), (pair.second, 1)):
         row = pinhole_rows(world.intrinsics[world.image_cameras[image]])
@@ -92,9 +103,11 @@ def contradiction_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
     """Warning about these pairs, in a sentence."""
     worst = pairs[0]
     names = f"{graph.photos[worst.first].name} and {graph.photos[worst.second].name}"
+    count = "2 images" if len(pairs) == 1 else f"{len(pairs)} pairs of images"
     return (
-        f"{len(pairs)} pairs of images match well but contradict the model, first {names} "
-        f"({len(worst.verified)} matches): with repeated or symmetric structure, the model may be folded"
+        f"{count} match well but contradict the model, first {names} "
+        f"({len(worst.verified)} matches): with repeated or symmetric structure, the model may be folded, "
+        "and with one focal length for photos of several, bent"
     )
 
 

@@ -1,14 +1,16 @@
-"""Photos that share a camera but not a focal length: a zoom of which the files tell nothing.
+"""Photos that share a camera but not a focal length: a zoom, or a crop, of which the files tell nothing.
 
-One focal length for all bends the model and tears it into pieces, while the residuals stay small.
+One focal length for all bends the model and tears it into pieces, while the residuals stay small. Files may
+tell one, too: those of a digital zoom, and of photos cropped later, still tell that of the lens.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.geometry.significance import mad_sigma
 from sfmcpp.map import Map
@@ -17,7 +19,9 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.adjustment import ROUGH
 from sfmcpp.sfm.cameras import Cameras
+from sfmcpp.sfm.contradictions import contradicting_pairs
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
+from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
 
@@ -26,19 +30,25 @@ _F = PERSPECTIVE.index("f")
 _FEWEST_IMAGES = 4
 # Focal lengths of photos that share one spread by their σ and hardly beyond; those of a zoom by far more.
 _LEAST_SPREAD, _SIGMAS = 0.05, 4.0
+# A single one is farther off more often: a lens breathes with its focus, and σ is too small by a few times.
+_LEAST_CHANGE, _SIGMAS_OF_ONE = 0.1, 10.0
+_MOST_NAMED = 3
 
 
 def differing_focals(
-    models: Sequence[Map], cameras: Cameras, settings: IncrementalSettings, sharing: str
+    graph: MatchGraph, models: Sequence[Map], cameras: Cameras, settings: IncrementalSettings, sharing: str
 ) -> list[str]:
     """Warn of images that share a camera by default, but whose own focal lengths differ.
 
     Parameters
     ----------
+    graph : MatchGraph
+        Images, features and pairs.
     models : sequence of Map
         Finished models; they stay as they are.
     cameras : Cameras
-        What was known of the cameras at the start: only guessed focal lengths are examined.
+        What was known of the cameras at the start: guessed focal lengths are examined, and where pairs
+        contradict the model, those that files tell.
     settings : IncrementalSettings
         The loss.
     sharing : str
@@ -52,41 +62,75 @@ def differing_focals(
     if sharing != "auto":
         return []
     for world in models:
-        shares = _own_focals(world, cameras, settings)
-        if len(shares):
-            return [
-                "photos that share a camera seem to differ in focal length: adjusted one by one, theirs are "
-                f"{shares.min():.2f} to {shares.max():.2f} of the median, and one for all bends the model; "
-                "if a zoom or several cameras were used, give --shared-camera each (or folder)"
-            ]
+        pairs = contradicting_pairs(graph, world, settings)
+        torn = np.unique([(pair.first, pair.second) for pair in pairs]).astype(np.intp)
+        free = ~cameras.fixed[:, _F] & (cameras.guessed | bool(len(torn)))
+        if (found := _own_focals(world, free, settings)) is not None and (
+            text := _warning(world, found, torn)
+        ):
+            return [text]
     return []
 
 
-def _own_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> FloatArray:
-    """Focal lengths of the images over their median where they differ; else none."""
+@dataclass(frozen=True)
+class _OwnFocals:
+    """Focal lengths of images over the median of their camera's, and the σ of their logarithms."""
+
+    images: NDArray[np.intp]
+    shares: FloatArray
+    sigmas: FloatArray
+
+
+def _own_focals(world: Map, free: BoolArray, settings: IncrementalSettings) -> _OwnFocals | None:
+    """What adjusting the focal length of each image of `free` cameras (G,) gives, if it tells something."""
     local = world.whole_problem(2)
-    guessed = cameras.guessed[local.cameras] & ~cameras.fixed[local.cameras, _F]
-    problem, chosen = _with_own_focals(local.problem, guessed)
-    if not chosen.any():
-        return np.empty(0)
-    sigmas = sigmas_of_intrinsics(problem)
-    if sigmas is None:
-        return np.empty(0)
+    problem, chosen = _with_own_focals(local.problem, free[local.cameras])
+    if not chosen.any() or (before := sigmas_of_intrinsics(problem)) is None:
+        return None
     summary = solve(problem, loss="cauchy", loss_scale_px=settings.loss_sigmas, **ROUGH)
-    focals = problem.intrinsics[chosen, _F]
-    shares = focals / np.median(focals)
-    spread = mad_sigma(np.log(np.maximum(shares, 1e-6)))
-    usual = float(np.median(sigmas[chosen, _F] / focals))
-    differ = summary.termination != "interrupted" and spread > max(_LEAST_SPREAD, _SIGMAS * usual)
-    return np.asarray(shares) if differ else np.empty(0)
+    if summary.termination == "interrupted":
+        return None
+    index, focals = local.problem.intrinsics_index[chosen], problem.intrinsics[chosen, _F]
+    shares = focals / [np.median(focals[index == camera]) for camera in index]
+    return _OwnFocals(local.images[chosen], shares, before[chosen, _F] / focals)
 
 
-def _with_own_focals(problem: Problem, guessed: BoolArray) -> tuple[Problem, BoolArray]:
+def _warning(world: Map, found: _OwnFocals, torn: NDArray[np.intp]) -> str:
+    """What is to be said of them; empty if they are alike. Pairs with `torn` images contradict the model.
+
+    Where focal lengths are hardly determined, as in flights, errors of the lens move them beyond their σ, but
+    the model fits all pairs.
+    """
+    logs = np.log(np.maximum(found.shares, 1e-6))
+    remedy = "one for all bends the model; if a zoom or several cameras were used, give --shared-camera each"
+    if mad_sigma(logs) > max(_LEAST_SPREAD, _SIGMAS * float(np.median(found.sigmas))):
+        return (
+            "photos that share a camera seem to differ in focal length: adjusted one by one, theirs are "
+            f"{found.shares.min():.2f} to {found.shares.max():.2f} of the median, and {remedy} (or folder)"
+        )
+    is_far = np.abs(logs) > np.maximum(np.log1p(_LEAST_CHANGE), _SIGMAS_OF_ONE * found.sigmas)
+    far = np.flatnonzero(is_far & np.isin(found.images, torn))
+    if not len(far):
+        return ""
+    far = far[np.argsort(-np.abs(logs[far]), kind="stable")]
+    few = ", ".join(
+        f"{world.image_names[found.images[k]]} ({found.shares[k]:.2f} of the median)"
+        for k in far[:_MOST_NAMED]
+    )
+    photos = "1 photo seems" if len(far) == 1 else f"{len(far)} photos seem"
+    more = ", …" if len(far) > _MOST_NAMED else ""
+    return (
+        f"{photos} to differ in focal length from others that share the camera, as after a digital zoom or a "
+        f"crop: {few}{more}; {remedy}"
+    )
+
+
+def _with_own_focals(problem: Problem, free: BoolArray) -> tuple[Problem, BoolArray]:
     """A copy in which each image has its own row, and which of them (C,) have a free focal length."""
     index = problem.intrinsics_index
     seen = np.isin(np.arange(problem.num_cameras), problem.camera_index)
     images = np.bincount(index[seen], minlength=len(problem.intrinsics))
-    chosen = seen & (guessed & (images >= _FEWEST_IMAGES))[index]
+    chosen = seen & (free & (images >= _FEWEST_IMAGES))[index]
     fixed = np.ones((problem.num_cameras, problem.intrinsics.shape[1]), dtype=np.bool_)
     fixed[chosen, _F] = False
     return (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -20,6 +21,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.threads import on_threads, thread_count
 from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around
 from sfmcpp.sfm.camera_choice import choose_camera_model
+from sfmcpp.sfm.contradictions import epipolar_errors_px
 from sfmcpp.sfm.focal_lengths import hold_undetermined_focals
 from sfmcpp.sfm.loops import close_loops
 from sfmcpp.sfm.map_backup import MapBackup
@@ -40,6 +42,9 @@ _SPREAD_LEVELS = 5
 _LAST_ROUNDS = 4
 # An image that has lost its points so often is left out: others might come and go for ever.
 _MOST_LOSSES = 3
+# A pose is wrong if less than this part of the image's matches with the model agrees with it, by a limit for
+# outliers that right poses keep in a young model, too. The pairs with most matches tell.
+_LEAST_AGREEING, _FAR, _MOST_PAIRS = 0.25, 4, 20
 
 
 class Growth:
@@ -79,6 +84,11 @@ class Growth:
         self._adjusted = (0, 0)
         self._losses = np.zeros(self.world.num_images, dtype=np.intp)
         self._scores: dict[int, int] = {}
+        self._pairs: defaultdict[int, list[Pair]] = defaultdict(list)
+        for pair in sorted(scene.graph.pairs, key=lambda pair: -int(np.count_nonzero(pair.geometry.inliers))):
+            if pair.geometry.kind != "none":
+                self._pairs[pair.first].append(pair)
+                self._pairs[pair.second].append(pair)
 
     def start(self) -> bool:
         """Find a first pair; whether there is one."""
@@ -256,15 +266,37 @@ class Growth:
         heed_stop()
         world = self.world
         rows = self.structure.seeing_known(image)
-        found = self._resection(rows, int(world.image_cameras[image]))
+        camera = int(world.image_cameras[image])
+        focal_px = world.intrinsics[camera, 0]
+        found = self._resection(rows, camera)
         if not found.success:
             self.reasons[image] = f"no pose explains the {len(rows)} points it sees: {found.message}"
             return False
         world.poses[image] = found.camera
+        if (wrong := self._contradicted_by(image)) is not None:
+            world.poses[image], world.intrinsics[camera, 0] = np.nan, focal_px
+            self.reasons[image] = f"its pose contradicts its matches with other images, as {wrong}"
+            return False
         errors_px = self.structure.errors_px(rows, world.keypoint_points[rows])
         world.forget(rows[errors_px > 2 * self._settings.outlier_px])
         self._extend_structure(image)
         return True
+
+    def _contradicted_by(self, image: int) -> str | None:
+        """Image of the model whose matches deny the pose of an image most, if most matches deny it.
+
+        A camera that turns away from a scene sees hardly a point of it: some wrong matches give it any pose,
+        though thousands tell how it turned.
+        """
+        world, graph = self.world, self._scene.graph
+        pairs = [p for p in self._pairs[image] if world.registered[[p.first, p.second]].all()][:_MOST_PAIRS]
+        errors = [epipolar_errors_px(graph, world, pair) for pair in pairs]
+        agree = [np.count_nonzero(some <= _FAR * self._settings.outlier_px) for some in errors]
+        counts = [len(some) for some in errors]
+        if not pairs or sum(agree) >= _LEAST_AGREEING * sum(counts):
+            return None
+        worst = pairs[int(np.argmax(np.subtract(counts, agree)))]
+        return graph.photos[worst.first if worst.second == image else worst.second].name
 
     def _resection(self, rows: NDArray[np.intp], camera: int) -> PoseEstimate:
         """Pose of an image from the points that its keypoints `rows` see; its focal length too if a guess."""

@@ -24,7 +24,7 @@ from sfmcpp.model.threads import Progress, at_most_threads, no_progress
 from sfmcpp.sfm.adjustment import fix_what_few_images_held
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
-from sfmcpp.sfm.camera_choice import held_camera_warnings
+from sfmcpp.sfm.camera_choice import camera_warnings
 from sfmcpp.sfm.cameras import (
     FREE_INTRINSICS,
     CameraArgument,
@@ -55,6 +55,7 @@ from sfmcpp.sfm.resized_copies import without_resized_copies
 from sfmcpp.sfm.result import GpsOutcome, SfmRun
 from sfmcpp.sfm.scene import Scene
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.still_features import without_still_features
 from sfmcpp.sfm.stops import RepeatedProgress, never, stopped_by
 from sfmcpp.sfm.turned_cameras import with_turned_cameras
 from sfmcpp.sources.io.colmap.database import is_database
@@ -274,6 +275,8 @@ def _scene_of_photos(
     if len(graph.photos) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
     with run.timed("mapping"):
+        graph, told = without_still_features(graph, _known_rows(cameras), front, run.progress)
+        run.warnings += told
         graph = with_turned_cameras(graph, cameras)
         return Scene.of(graph, _with_guessed_focals(graph, cameras, run))
 
@@ -390,8 +393,8 @@ def _finished_run(
             *run.warnings,
             *warnings_of(scene.graph, grown, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
-            *held_camera_warnings(grown.models, scene.cameras),
-            *differing_focals(grown.models, scene.cameras, run.settings, run.sharing),
+            *camera_warnings(grown.models, scene.cameras),
+            *differing_focals(scene.graph, grown.models, scene.cameras, run.settings, run.sharing),
         ],
         interrupted=grown.interrupted,
     )

@@ -41,6 +41,7 @@ ColorImage = NDArray[np.uint8]
 
 _DIGEST_BYTES = 20
 _THUMBNAIL_QUALITY = 80
+_HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1")
 # Pillow's modes of 16 bits a pixel and of floats; 32-bit "I" is what its older versions make of 16-bit PNG.
 _DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
 
@@ -346,13 +347,20 @@ def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
     try:
         image = open_image(file, data)
     except load_pillow().UnidentifiedImageError:
-        raise DatasetError(file, f"is no image that can be decoded ({len(data)} bytes)") from None
+        raise DatasetError(file, _undecodable(data)) from None
     except DatasetError:
         raise
     except Exception as error:  # its parsers raise whatever they stumble over
         raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
     with image:
         yield image
+
+
+def _undecodable(data: bytes) -> str:
+    """Why Pillow knows no way to decode a file: phones' photos are often HEIC with the suffix of JPEG."""
+    if data[4:8] == b"ftyp" and data[8:12] in _HEIC_BRANDS:
+        return "is HEIC in spite of its name: convert it to JPEG"
+    return f"is no image that can be decoded ({len(data)} bytes)"
 
 
 def _as_rgb(file: Path, image: Any) -> ColorImage:

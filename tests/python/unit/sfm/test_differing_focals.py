@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,17 @@ def test_photos_of_one_focal_length_are_not(seed: int) -> None:
 
 def test_photos_that_do_not_share_by_default_are_not() -> None:
     assert not warned(reconstruct(tracks([1.0, 1.4, 0.8], 11), shared_camera="each"))
+
+
+@pytest.mark.parametrize("camera", ["auto", 700.0])
+def test_a_few_photos_of_another_focal_length_are_named(camera: str | float) -> None:
+    said = "2 photos seem to differ in focal length from others"
+    warnings = reconstruct(tracks([1.0] * 5 + [1.6], 11), camera=camera).warnings
+    assert any(said in text and "image_000005" in text and "image_000011" in text for text in warnings)
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_cameras_of_different_sizes_are_not_compared(seed: int) -> None:
+    some = tracks([1.0, 1.4], seed)
+    sizes = np.where(np.arange(12)[:, None] % 2, [[640, 480]], [[640, 482]])
+    assert not warned(reconstruct(replace(some, sizes=sizes)))

@@ -189,3 +189,11 @@ def test_a_held_focal_length_that_the_images_contradict_is_warned_of(factor: flo
     assert run.num_registered == 10
     text = "\n".join(run.warnings)
     assert ("the camera as given: the fixed f = 1300 px contradicts the images" in text) == warned
+
+
+@pytest.mark.parametrize(("model", "warned"), [("auto", False), ("opencv", True)])
+def test_pixels_that_are_far_from_square_are_warned_of(model: str, warned: bool) -> None:
+    """Level cameras around a scene leave open how high it is, and with it the aspect ratio."""
+    graph = match_graph(sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4), sigma_px=0.3, reach=2)
+    run = reconstruct(graph, camera_model=model, subpixel=False, gps="none")
+    assert any("pixels of cameras are square" in text for text in run.warnings) == warned

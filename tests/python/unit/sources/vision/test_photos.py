@@ -210,10 +210,12 @@ def test_what_is_no_image_is_unreadable_and_the_others_stay(tmp_path: Path) -> N
     write_photo(tmp_path / "good.jpg", SMALL)
     (tmp_path / "empty.jpg").write_bytes(b"")
     (tmp_path / "text.png").write_text("no image at all")
+    (tmp_path / "phone.jpg").write_bytes(b"\0\0\0\x18ftypheic" + bytes(50))
     found = open_photos(tmp_path)
     assert [photo.name for photo in found.photos] == ["good.jpg"]
     assert found.unreadable == {
         "empty.jpg": "the file is empty",
+        "phone.jpg": "is HEIC in spite of its name: convert it to JPEG",
         "text.png": "is no image that can be decoded (15 bytes)",
     }
 

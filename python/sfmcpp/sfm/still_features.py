@@ -1,0 +1,180 @@
+"""What stands still in the images while the scene moves: a frame, a time stamp, what is behind a turntable.
+
+Its matches agree with each other, as those of a camera that did not move, and in many pairs they are more
+than those of the scene.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.geometry import two_view_geometry
+from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
+from sfmcpp.sfm.front_end import FrontEndSettings, Intrinsics
+from sfmcpp.sfm.match_graph import MatchGraph, Pair
+from sfmcpp.sfm.tracks import connected_parts
+
+# A match stands still that moves by no more, and a feature whose matches stay that near in all images [px].
+_STILL_PX = 1.0
+# Where something stands still, matches that move by no more are of it, too: not all of its features are found
+# in most images, and those of coarse scales are less accurate [px].
+_NEARLY_STILL_PX = 2.0
+# So many images and more than this part of those of one size must show it: a burst, or exposures from one
+# tripod, are fewer.
+_FEWEST_IMAGES, _MOST_OF_IMAGES = 4, 0.5
+# Of what is left out of pairs that hold without it, so much must stand still there: of what several tripods
+# see, features move from one to the next.
+_LEAST_STILL = 0.5
+
+
+def without_still_features(
+    graph: MatchGraph, intrinsics: Intrinsics, settings: FrontEndSettings, progress: Progress = no_progress
+) -> tuple[MatchGraph, list[str]]:
+    """Leave out the matches of what stands still in most images, if the rest of most images moves.
+
+    Parameters
+    ----------
+    graph : MatchGraph
+        Of photos; left as it is.
+    intrinsics : sequence of (12,) float64 or None
+        Of each photo's camera; None where they are unknown.
+    settings : FrontEndSettings
+        Those the graph was made with.
+    progress : callable
+        Called with the stage ``"geometry"`` while pairs are verified anew.
+
+    Returns
+    -------
+    MatchGraph
+        The same where nothing stands still, or nothing else agrees: a camera that did not move.
+    list of str
+        A warning at most.
+    """
+    still = still_features(graph)
+    if not any(some.any() for some in still):
+        return graph, []
+    touched = [k for k, pair in enumerate(graph.pairs) if _is_dropped(graph, pair, still).any()]
+
+    def verified_anew(number: int) -> Pair:
+        return _without(graph, graph.pairs[number], still, intrinsics, settings)
+
+    threads = thread_count(settings.threads)
+    anew = results_in_order(verified_anew, touched, threads, stage="geometry", progress=progress)
+    pairs = list(graph.pairs)
+    for number, pair in zip(touched, anew, strict=True):
+        pairs[number] = pair
+    if not (_moves_together(graph, pairs) and _stands_where_others_move(graph, pairs, still)):
+        return graph, []
+    return replace(graph, pairs=pairs), [_warning(still)]
+
+
+def still_features(graph: MatchGraph) -> list[BoolArray]:
+    """Which features of each image are matched in the same place of most images of its size."""
+    counts = np.array([len(features) for features in graph.features], dtype=np.intp)
+    begin = np.concatenate([[0], np.cumsum(counts)])
+    links = [
+        pair.matches[_stands(graph, pair, _STILL_PX)] + begin[[pair.first, pair.second]]
+        for pair in graph.pairs
+    ]
+    keypoints, ends = np.unique(np.concatenate([np.empty((0, 2), np.intp), *links]), return_inverse=True)
+    chosen = np.zeros(int(begin[-1]), dtype=np.bool_)
+    if len(keypoints):
+        image = np.searchsorted(begin, keypoints, side="right") - 1
+        parts = connected_parts(ends.reshape(-1, 2), len(keypoints))
+        places = zip(image, keypoints - begin[image], strict=True)
+        pixels = np.stack([graph.features[i].pixels[k] for i, k in places])
+        in_most = _images_of(parts, image) > _enough_images(graph)[image]
+        chosen[keypoints] = in_most & _is_small(parts, pixels)
+    return [np.asarray(some) for some in np.split(chosen, begin[1:-1])]
+
+
+def _stands(graph: MatchGraph, pair: Pair, most_px: float) -> BoolArray:
+    """Which matches of a pair are in the same place of both images; none of images of different sizes."""
+    if graph.photos[pair.first].size != graph.photos[pair.second].size:
+        return np.zeros(len(pair.matches), dtype=np.bool_)
+    first, second = (
+        graph.features[image].pixels[matched]
+        for image, matched in zip((pair.first, pair.second), pair.matches.T, strict=True)
+    )
+    return np.asarray(np.linalg.norm(second - first, axis=1) <= most_px)
+
+
+def _enough_images(graph: MatchGraph) -> FloatArray:
+    """(I,) number of images that must be exceeded, for those of the size of each image."""
+    sizes = Counter(photo.size for photo in graph.photos)
+    counts = np.array([sizes[photo.size] for photo in graph.photos])
+    return np.asarray(np.maximum(_MOST_OF_IMAGES * counts, _FEWEST_IMAGES - 1))
+
+
+def _images_of(parts: NDArray[np.int32], image: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Number of images that the part of each keypoint is in."""
+    both = np.unique(np.column_stack([parts, image]), axis=0)
+    return np.bincount(both[:, 0])[parts]
+
+
+def _is_small(parts: NDArray[np.int32], pixels: FloatArray) -> BoolArray:
+    """Whether the part of each keypoint stays in its place: what moves slowly drifts away."""
+    low, high = np.full((len(parts), 2), np.inf), np.full((len(parts), 2), -np.inf)
+    np.minimum.at(low, parts, pixels)
+    np.maximum.at(high, parts, pixels)
+    return np.asarray((high - low).max(axis=1)[parts] <= 2 * _STILL_PX)
+
+
+def _is_dropped(graph: MatchGraph, pair: Pair, still: Sequence[BoolArray]) -> BoolArray:
+    known = still[pair.first][pair.matches[:, 0]] | still[pair.second][pair.matches[:, 1]]
+    return np.asarray(known | _stands(graph, pair, _NEARLY_STILL_PX))
+
+
+def _without(
+    graph: MatchGraph,
+    pair: Pair,
+    still: Sequence[BoolArray],
+    intrinsics: Intrinsics,
+    settings: FrontEndSettings,
+) -> Pair:
+    """A pair without the matches of still features, verified anew."""
+    matches = pair.matches[~_is_dropped(graph, pair, still)]
+    geometry = two_view_geometry(
+        graph.features[pair.first].pixels[matches[:, 0]],
+        graph.features[pair.second].pixels[matches[:, 1]],
+        intrinsics[pair.first],
+        intrinsics[pair.second],
+        threshold_px=settings.threshold_px,
+        min_inliers=settings.min_inliers,
+        seed=settings.seed,
+    )
+    return replace(pair, matches=matches, geometry=geometry)
+
+
+def _moves_together(graph: MatchGraph, pairs: Sequence[Pair]) -> bool:
+    """Whether pairs that moved connect most images: of people before a still camera they do not."""
+    moved = [(p.first, p.second) for p in pairs if p.geometry.kind in ("general", "planar")]
+    parts = connected_parts(np.array(moved, dtype=np.intp).reshape(-1, 2), len(graph.photos))
+    return bool(np.bincount(parts).max() > _MOST_OF_IMAGES * len(graph.photos))
+
+
+def _stands_where_others_move(graph: MatchGraph, pairs: Sequence[Pair], still: Sequence[BoolArray]) -> bool:
+    """Whether what is left out stands still in pairs whose other matches agree."""
+    stands, dropped = 0, 0
+    for before, after in zip(graph.pairs, pairs, strict=True):
+        if after.geometry.kind != "none":
+            out = _is_dropped(graph, before, still)
+            dropped += np.count_nonzero(out)
+            stands += np.count_nonzero(out & _stands(graph, before, _NEARLY_STILL_PX))
+    return stands > _LEAST_STILL * dropped
+
+
+def _warning(still: Sequence[BoolArray]) -> str:
+    images = sum(bool(some.any()) for some in still)
+    features = sum(int(np.count_nonzero(some)) for some in still) / images
+    return (
+        f"{features:.0f} features each of {images} images stand still while the rest moves, and are left "
+        "out: a time stamp, a border, or what is behind an object that was turned; if the camera stood still "
+        "and others moved, the model is wrong: move the camera between photos"
+    )
