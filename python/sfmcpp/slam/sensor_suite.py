@@ -43,13 +43,15 @@ _AT_REST_M_S = 0.2
 _LAST_TURNS = 48
 # Clock offsets up to this are tried [s].
 _LARGEST_OFFSET_S = 1.0
-# Attributes that change with the keyframes.
+# Attributes that change with the keyframes, and at the end of a run.
 _STATE = (
     "in_conflict",
     "experience",
     "moved_s",
     "in_time",
     "biases",
+    "slips",
+    "drifts",
     "turns",
     "turns_until_s",
     "steps",

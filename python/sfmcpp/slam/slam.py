@@ -213,12 +213,16 @@ class Slam:
         self.result.warnings += warn_of_scale(self.result)
         self.result.warnings += warn_of_still_tracks(self.result.world)
         self.result.warnings += warn_of_camera(self.result.world, self.settings)
+        if self._judges_in_hindsight:
+            self._sensors.refine_clocks(self.result.seen_trajectory())
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""
-        if not self.settings.trusts_declared or len(self.result.poses) < 2:
-            return None
-        return corrected_in_hindsight(self._sensors, self.result.seen_trajectory())
+        return corrected_in_hindsight(self._sensors) if self._judges_in_hindsight else None
+
+    @property
+    def _judges_in_hindsight(self) -> bool:
+        return self.settings.trusts_declared and len(self.result.poses) > 1
 
     @property
     def has_wrong_mounting(self) -> bool:

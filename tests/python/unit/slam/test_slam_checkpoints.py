@@ -75,6 +75,8 @@ RUNS: dict[str, Callable[[], Run]] = {
     "positions": with_positions,
     "stereo": lambda: (stereo.sequence(), []),
 }
+# Those that are begun again without what was wrong.
+PASSES = {"late": 2, "bias": 2}
 SETTINGS = SlamSettings(final_adjustment="on")
 
 
@@ -119,8 +121,8 @@ def test_it_goes_on_to_the_same_bits_from_any_frame(name: str) -> None:
     source, sensors = RUNS[name]()
     store = InMemory()
     whole = bits(run_slam(source, SETTINGS, sensors, checkpoint=store))
-    assert len(store.all) == len(source)
-    for count in range(1, len(source) + 1, 31):
+    assert len(store.all) == PASSES.get(name, 1) * len(source)
+    for count in range(1, len(store.all) + 1, 31):
         source, sensors = RUNS[name]()
         assert bits(run_slam(source, SETTINGS, sensors, resume=up_to(store, count))) == whole, count
 
