@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +27,16 @@ _FEWEST_IN_A_ROW = 6
 # fault-free sensors came to 46, a bias of 5 deg/s to more in 15 of 16 runs, a slow slip of 40 % in 9 of 16;
 # with a third to a half of their tracks fault-free ones came to more in 1 run of 44.
 _STRONG = 64.0
+# Both are for as many judged keyframes, those of some three hundred frames. More give chance more trials: of
+# the conflicts with fault-free sensors half or fewer last for one keyframe more, and their squares have an
+# exponential tail of 7 (drives for tuning) to 15 (simulated ones of 5,000 frames, with a GPS).
+_TYPICAL_KEYFRAMES = 100
+_SHARE_ONE_LONGER, _SQUARES_TAIL = 0.5, 12.0
+# With fewer points the map gives no pose, as where tracks die while the camera stands; the next points take
+# over what a bridged step leaves of the scale. So many keyframes later the sensors have restored it: all
+# conflicts of an odometer on 15,000 simulated fault-free frames came before.
+_LOST_POINTS = 10
+_RESTORED_AFTER = 4
 # Keyframes beside a conflict belong to it from so many standard deviations on, and so much time beside these:
 # a fault is there before it is noticed [s].
 _LEADING_SIGMAS, _MARGIN_S = 1.5, 0.5
@@ -108,7 +119,7 @@ def _keyframes(count: int) -> str:
 
 def _worst_conflict(reports: list[ConflictReport]) -> list[int]:
     """The worst stretch of reports in conflict, by their places; empty if none is long or strong enough."""
-    judged = [k for k, report in enumerate(reports) if report.observations >= _FEWEST_POINTS]
+    judged = _judged(reports)
     stretches: list[list[int]] = [[]]
     for k in judged:
         if reports[k].conflicting:
@@ -119,9 +130,28 @@ def _worst_conflict(reports: list[ConflictReport]) -> list[int]:
     median = float(np.median(sigmas[judged])) if judged else 0.0
     usual = float(np.clip(median / _MEDIAN_SIGMAS, 1.0, _LARGEST_USUAL))
     strength = [float(np.sum((sigmas[stretch] / usual) ** 2)) for stretch in stretches]
+    fewest, strong = _limits(len(judged))
     conflicts = [
         (power, stretch)
         for power, stretch in zip(strength, stretches, strict=True)
-        if power >= _STRONG or len(stretch) >= _FEWEST_IN_A_ROW
+        if power >= strong or len(stretch) >= fewest
     ]
     return max(conflicts, key=lambda found: found[0])[1] if conflicts else []
+
+
+def _judged(reports: list[ConflictReport]) -> list[int]:
+    """Places of the reports that count: of enough points, which have not lost their scale just before."""
+    judged, lost = [], -np.inf
+    for k, report in enumerate(reports):
+        if report.observations < _LOST_POINTS:
+            lost = k
+        has_scale = report.unit != "m" or k - lost > _RESTORED_AFTER
+        if has_scale and report.observations >= _FEWEST_POINTS:
+            judged.append(k)
+    return judged
+
+
+def _limits(count: int) -> tuple[float, float]:
+    """Length and strength from which the largest of as many judged keyframes is no chance."""
+    more = math.log(max(count / _TYPICAL_KEYFRAMES, 1.0))
+    return _FEWEST_IN_A_ROW - more / math.log(_SHARE_ONE_LONGER), _STRONG + more * _SQUARES_TAIL

@@ -228,19 +228,24 @@ def test_a_stream_is_corrected_where_it_is_asked_for_not_with_every_feed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """After an hour of a gyroscope that takes longer than a frame."""
-    drive, corrected = winding(seed=0), []
+    drive, corrected = winding(seed=0), list[int]()
     gyro, wheel = drive.gyro, drive.odometer
     first = [replace(s, t_s=s.t_s[:2], values=s.values[:2]) for s in (wheel, gyro)]
     suite = SensorSuite([Odometer(first[0]), Gyroscope(first[1], AT_CAMERA)])
     sound = sensor_suite.without_spikes
-    monkeypatch.setattr(sensor_suite, "without_spikes", lambda s: (corrected.append(s), sound(s))[1])
+
+    def noted(stream: SensorStream) -> SensorStream:
+        corrected.append(len(stream))
+        return sound(stream)
+
+    monkeypatch.setattr(sensor_suite, "without_spikes", noted)
     for name, stream in (("odometer", wheel), ("gyro", gyro)):
         for k in range(2, 12):
             suite.feed(name, stream.t_s[k : k + 1], stream.values[k : k + 1])
     assert not corrected
     for _ in range(2):
         assert suite.rotation(*gyro.t_s[[2, 11]]) is not None
-    assert [len(stream) for stream in corrected] == [12]
+    assert corrected == [12]
 
 
 def test_an_odometer_that_tells_no_motion_is_named() -> None:
