@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -27,6 +27,8 @@ _STANDS_PX = 1.0
 _MOVES_AGAIN_PX = 2.0
 # The usual depth is that of so many keyframes, of the last so many.
 _OF_DEPTHS, _MOST_BEFORE = 50, 300
+# Fewer points do not tie a keyframe to the map: where one of them is wrong, nothing contradicts it.
+_FEWEST_TIES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +120,17 @@ class Follower:
         latest = (keyframe.depths for keyframe in reversed(result.world.keyframes[-_MOST_BEFORE:]))
         enough = (depths for depths in latest if len(depths) >= self._settings.keyframe_min_tracks)
         return float(np.median([float(np.median(depths)) for depths in islice(enough, _OF_DEPTHS)] or [0.0]))
+
+
+def untied(frame: Frame, world: WorldMap) -> Frame:
+    """A frame behind a gap, without the points of the map where it sees one or two.
+
+    They would decide on the scale of all that follows: a single one that had come loose while the camera
+    stood has made a map six times smaller.
+    """
+    known = world.knows(frame.view.tracks)
+    few = 0 < np.count_nonzero(known) < _FEWEST_TIES
+    return replace(frame, view=frame.view.only(~known)) if few else frame
 
 
 def _shared_pixels(last: Frame, frame: Frame) -> tuple[FloatArray, FloatArray]:

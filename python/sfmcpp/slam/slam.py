@@ -17,7 +17,7 @@ from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.checks import require_finite, require_near
 from sfmcpp.model.frames import Frame, View, checked_view, common
 from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_latest_frame
-from sfmcpp.slam.bridging import Follower, Step, rejoin
+from sfmcpp.slam.bridging import Follower, Step, rejoin, untied
 from sfmcpp.slam.calibration import calibrate, calibrate_at_rest
 from sfmcpp.slam.camera_check import warn_of_camera
 from sfmcpp.slam.check_positions import check_positions
@@ -301,8 +301,8 @@ class Slam:
     def _add_keyframes_of_gap(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
         """Keyframes on both sides of a gap, so that points come from what they share."""
         if self._world.keyframes[-1].frame != last.number:
-            self._add_keyframe(last, self.result.path.pose_of(last.number), clock)
-        self._add_keyframe(frame, step.pose, clock)
+            self._add_keyframe(untied(last, self._world), self.result.path.pose_of(last.number), clock)
+        self._add_keyframe(untied(frame, self._world), step.pose, clock)
 
     def _start_again(self, frame: Frame, initialiser: Initialiser) -> None:
         """Start a new part of the map from the frames since the loss, if possible."""
