@@ -350,7 +350,7 @@ class Slam:
             self._tell(faults_so_far(self._sensors))
         record.take_fusion(fused)
         record.milliseconds = dict(clock.laps)
-        self.result.records.append(record)
+        self.result.record(record)
 
     def _tell(self, faults: list[str]) -> None:
         """Replace the warnings of faults of sensors that were given before."""
