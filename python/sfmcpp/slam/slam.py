@@ -301,8 +301,9 @@ class Slam:
     def _add_keyframes_of_gap(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
         """Keyframes on both sides of a gap, so that points come from what they share."""
         if self._world.keyframes[-1].frame != last.number:
-            self._add_keyframe(untied(last, self._world), self.result.path.pose_of(last.number), clock)
-        self._add_keyframe(untied(frame, self._world), step.pose, clock)
+            last = untied(last, self._world) if step.stood else last
+            self._add_keyframe(last, self.result.path.pose_of(last.number), clock)
+        self._add_keyframe(untied(frame, self._world) if step.stood else frame, step.pose, clock)
 
     def _start_again(self, frame: Frame, initialiser: Initialiser) -> None:
         """Start a new part of the map from the frames since the loss, if possible."""
