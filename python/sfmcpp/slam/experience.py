@@ -56,6 +56,8 @@ class Experience:
         One of each keyframe.
     stretches : list of Gap
         The time that each is of [s].
+    explained : set of int
+        Places of the reports in conflicts that ended as the map was moved to the sensor.
     sigma : float or None
         Standard deviation estimated from the innovations of the first keyframes, where none is declared: the
         errors at the poses of the images alone, less what the noise of the images makes of them. Medians, so
@@ -65,6 +67,7 @@ class Experience:
     reports: list[ConflictReport] = field(default_factory=list)
     stretches: list[Gap] = field(default_factory=list)
     sigma: float | None = None
+    explained: set[int] = field(default_factory=set)
 
     def add(self, report: ConflictReport, stretch: Gap) -> None:
         """Take the next keyframe, and the time from the one before to it."""
@@ -74,6 +77,13 @@ class Experience:
         if undeclared and self.sigma is None and len(self.reports) >= KEYFRAMES_OF_SIGMA:
             self.sigma = _sigma_of(self.reports)
 
+    def explain(self) -> None:
+        """Note that the map has been moved to the sensor, which ends the conflict there is."""
+        for k in range(len(self.reports) - 1, -1, -1):
+            if not self.reports[k].conflicting:
+                break
+            self.explained.add(k)
+
     def describe(self, name: str) -> list[str]:
         """Messages about the sensor of that name, one sentence each."""
         sentences = []
@@ -82,19 +92,25 @@ class Experience:
                 f"{name}: no standard deviation is declared; {self.sigma:.2g} {self.reports[0].unit} was "
                 f"estimated from the images at its first {KEYFRAMES_OF_SIGMA} keyframes"
             )
-        worst = [self.reports[k] for k in _worst_conflict(self.reports)]
-        if worst:
+        places = _worst_conflict(self.reports, self.explained)
+        if places:
+            worst = [self.reports[k] for k in places]
             sentences.append(
                 f"{name}: disagrees with the images at {_keyframes(len(worst))}, by up to "
                 f"{max(report.sigmas for report in worst):.0f} σ and "
-                f"{max(report.discrepancy for report in worst):.2g} {worst[0].unit}: one of them is wrong"
+                f"{max(report.discrepancy for report in worst):.2g} {worst[0].unit}: {self._told_of(places)}"
             )
         return sentences
+
+    def _told_of(self, conflict: list[int]) -> str:
+        if self.explained.issuperset(conflict):
+            return "the images drifted, or it is wrong; the map was moved to it"
+        return "one of them is wrong"
 
     @property
     def denied(self) -> Gap | None:
         """Time span of the worst conflict, with its onset and end; None where there is none."""
-        worst = _worst_conflict(self.reports)
+        worst = _worst_conflict(self.reports, self.explained)
         if not worst:
             return None
         first, last = worst[0], worst[-1]
@@ -117,8 +133,11 @@ def _keyframes(count: int) -> str:
     return "1 keyframe" if count == 1 else f"{count} consecutive keyframes"
 
 
-def _worst_conflict(reports: list[ConflictReport]) -> list[int]:
-    """The worst stretch of reports in conflict, by their places; empty if none is long or strong enough."""
+def _worst_conflict(reports: list[ConflictReport], explained: set[int]) -> list[int]:
+    """The worst stretch of reports in conflict, by their places; empty if none is long or strong enough.
+
+    One that is not explained is worse than those that are.
+    """
     judged = _judged(reports)
     stretches: list[list[int]] = [[]]
     for k in judged:
@@ -132,11 +151,11 @@ def _worst_conflict(reports: list[ConflictReport]) -> list[int]:
     strength = [float(np.sum((sigmas[stretch] / usual) ** 2)) for stretch in stretches]
     fewest, strong = _limits(len(judged))
     conflicts = [
-        (power, stretch)
+        (not explained.issuperset(stretch), power, stretch)
         for power, stretch in zip(strength, stretches, strict=True)
         if power >= strong or len(stretch) >= fewest
     ]
-    return max(conflicts, key=lambda found: found[0])[1] if conflicts else []
+    return max(conflicts)[2] if conflicts else []
 
 
 def _judged(reports: list[ConflictReport]) -> list[int]:

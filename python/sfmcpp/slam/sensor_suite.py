@@ -28,7 +28,7 @@ from sfmcpp.sensors import (
 from sfmcpp.sensors.rate_drift import RateDrift, find_drift
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
-from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
+from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS, Measurement, MotionSensor
 from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.rate_biases import RateBiases, RatesAtRest
 from sfmcpp.slam.world_map import Keyframe
@@ -207,15 +207,19 @@ class SensorSuite:
         rotation, previous = pose[:, :3], last.pose[:, :3]
         return self.measure(last.t_s, time_s, rotation, metric=metric, previous=previous)
 
-    def learn(self, fused: Fused, stretch: Gap) -> None:
+    def learn(self, fused: Fused, stretch: Gap, *, moved_back: bool = False) -> None:
         """Remember how the sensors compared with the images at a keyframe, over the time to it.
 
-        Not those whose own stream is in doubt there: a warning names them already.
+        Not those whose own stream is in doubt there: a warning names them already. Where the map was
+        `moved_back` to positions, it was not these that were wrong.
         """
         self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
-                self._experience_of(selection.name).add(selection.conflict, stretch)
+                known = self._experience_of(selection.name)
+                known.add(selection.conflict, stretch)
+                if moved_back and constraint.measurement.kind in PLACE_KINDS:
+                    known.explain()
 
     def set_clocks(self, vision: Trajectory | None = None) -> list[str]:
         """Set the clocks of gyroscopes by the rotations of the camera, where these determine them.

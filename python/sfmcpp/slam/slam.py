@@ -345,7 +345,8 @@ class Slam:
         self._lately = [seen for seen in self._lately if seen.number >= frame.number]
         clock.lap("adjustment")
         place_in_world(self.result, self._sensors, self.settings)
-        self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s))
+        moved_back = frame.number in self.result.corrections[-1:]
+        self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s), moved_back=moved_back)
         calibrate(self.result, self._sensors, self.settings)
         if len(world.keyframes) % _EVERY == 0:
             self._tell(faults_so_far(self._sensors))

@@ -140,6 +140,23 @@ def test_more_keyframes_need_a_stronger_conflict(count: int, sigmas: float, name
     assert bool(known.describe("odometer")) == named
 
 
+def test_conflicts_that_end_as_the_map_is_moved_are_told_as_such_and_after_others() -> None:
+    """A map drifts off positions by itself: these are seldom wrong."""
+    known = Experience()
+    for k in range(40):
+        known.add(report(9.0 if 10 <= k < 20 else 0.5, sensor_sigma=1.0), STEP)
+        if k == 19:
+            known.explain()
+    (told,) = known.describe("gps")
+    assert "10 consecutive keyframes, by up to 9 σ" in told
+    assert told.endswith("the images drifted, or it is wrong; the map was moved to it")
+    for k in range(10):
+        known.add(report(3.5 if k < 7 else 0.5, sensor_sigma=1.0), STEP)
+    (told,) = known.describe("gps")
+    assert "7 consecutive keyframes" in told
+    assert told.endswith("one of them is wrong")
+
+
 def test_a_run_estimates_what_is_not_declared_and_says_so() -> None:
     drive = winding(seed=1)
     result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer, sigma_m=None)])
