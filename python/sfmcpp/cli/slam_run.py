@@ -125,17 +125,19 @@ def _shown_progress(num_frames: int, quiet: bool) -> Iterator[Show]:
     options: dict[str, Any] = {"refresh_per_second": REFRESHES_PER_SECOND, "redirect_stdout": False}
     progress = Progress(*columns, console=stderr_console(), **options)
     task = progress.add_task("", total=num_frames)
-    shown = -math.inf
+    shown, latest, again = -math.inf, -1, ""
 
     def show(frame: int, result: SlamResult, *, last: bool = False) -> None:
         """Pass on the last frame, and as many of the others as anybody could read."""
-        nonlocal shown
-        now = time.perf_counter()
-        if now - shown < 1 / REFRESHES_PER_SECOND and frame + 1 < num_frames:
+        nonlocal shown, latest, again
+        again = "once more, without what was wrong · " if frame < latest else again
+        now, latest, done = time.perf_counter(), frame, frame + 1 >= num_frames
+        if now - shown < 1 / REFRESHES_PER_SECOND and not done:
             return
         shown = now
         progress.start()  # with the first frame: a run that is refused draws nothing
-        progress.update(task, completed=frame + 1, description=_status(result, frame + 1))
+        status = "the whole map is adjusted and checked" if done else _status(result, frame + 1)
+        progress.update(task, completed=frame + 1, description=again + status)
 
     try:
         yield show

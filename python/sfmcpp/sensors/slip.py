@@ -21,7 +21,7 @@ from sfmcpp.sensors.stream import require_kind
 # Least log-likelihood ratio of a slip against none. Under an exact covariance, a drift of forty steps exceeds
 # it in 3 to 6 of 1,000 cases; with fault-free odometers the largest was 5.4, on parts of KITTI's 0001, 0027,
 # 0036 and 0039.
-_MARGIN = 8.0
+SLIP_MARGIN = 8.0
 # Logarithms of the factor: a smaller slip is not worth a correction, a larger one is rather a map that has
 # lost its scale.
 _LEAST, _LARGEST = 0.08, 0.6
@@ -126,7 +126,7 @@ def find_slip(stamps_s: FloatArray, log_ratios: FloatArray, covariance: FloatArr
     left = (errors - sizes[best] * told[:, best])[courses[:, best] > 0]
     sigma = np.sqrt(max(1.0, np.mean(left**2)) / information[best])
     found = replace(slips[best], log_factor=float(sizes[best]), sigma=float(sigma))
-    return found if found.gain >= _MARGIN and _LEAST <= abs(found.log_factor) <= _LARGEST else None
+    return found if found.gain >= SLIP_MARGIN and _LEAST <= abs(found.log_factor) <= _LARGEST else None
 
 
 def _candidates(stamps_s: FloatArray, known: BoolArray) -> tuple[list[Slip], FloatArray]:

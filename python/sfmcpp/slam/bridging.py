@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -27,14 +27,17 @@ _STANDS_PX = 1.0
 _MOVES_AGAIN_PX = 2.0
 # The usual depth is that of so many keyframes, of the last so many.
 _OF_DEPTHS, _MOST_BEFORE = 50, 300
+# Fewer points do not tie a keyframe behind a stop to the map: if one of them is wrong, nothing denies it.
+_FEWEST_TIES = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Pose (3, 4) of a frame, world_from_camera, and whether the camera moved or turned on the spot."""
+    """Pose (3, 4) of a frame, world_from_camera; whether the camera moved, and had stood until then."""
 
     pose: FloatArray
     moved: bool
+    stood: bool
 
 
 class Follower:
@@ -71,13 +74,13 @@ class Follower:
         turn = self._sensors.rotation(last.t_s, frame.t_s)
         if turn is not None and so3.rotation_angle(turn.T @ found.camera[:, :3]) > SAME_TURN_RAD:
             return None
-        moved = found.failure != "rotation only"
+        moved, stood = found.failure != "rotation only", length is None
         if moved and length is None:
             length = self.usual_depth(result) / _depth_of_step(found, before, here, self._intrinsics)
         pose = result.path.pose_of(last.number)
         rotation = pose[:, :3] @ found.camera[:, :3]
         centre = pose[:, 3] + (length if moved and length else 0.0) * pose[:, :3] @ found.camera[:, 3]
-        return Step(np.column_stack([rotation, centre]), moved)
+        return Step(np.column_stack([rotation, centre]), moved, stood)
 
     def predict(self, frame: Frame, result: SlamResult) -> FloatArray:
         """Pose by the sensors, else at constant velocity (thesis eqs 1.1–1.3)."""
@@ -118,6 +121,17 @@ class Follower:
         latest = (keyframe.depths for keyframe in reversed(result.world.keyframes[-_MOST_BEFORE:]))
         enough = (depths for depths in latest if len(depths) >= self._settings.keyframe_min_tracks)
         return float(np.median([float(np.median(depths)) for depths in islice(enough, _OF_DEPTHS)] or [0.0]))
+
+
+def untied(frame: Frame, world: WorldMap) -> Frame:
+    """A frame behind a stop, without the points of the map where it sees one or two.
+
+    They would decide on the scale of all that follows: a single one that had come loose while the camera
+    stood has made a map six times smaller. Where it did not stand they hold the scale better than nothing.
+    """
+    known = world.knows(frame.view.tracks)
+    few = 0 < np.count_nonzero(known) < _FEWEST_TIES
+    return replace(frame, view=frame.view.only(~known)) if few else frame
 
 
 def _shared_pixels(last: Frame, frame: Frame) -> tuple[FloatArray, FloatArray]:

@@ -19,7 +19,8 @@ from sfmcpp.model import Gap
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.model.weight_selection import ConflictReport, WeightSelection
-from sfmcpp.sensors import RateBias, Turn
+from sfmcpp.sensors import RateBias, Slip, Turn
+from sfmcpp.sensors.rate_drift import RateDrift
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.measurement import Measurement, MotionSensor
 from sfmcpp.slam.path import Path
@@ -48,8 +49,10 @@ _CLASSES = (
     Path,
     RateBias,
     RateBiases,
+    RateDrift,
     RightView,
     SlamResult,
+    Slip,
     Standstill,
     Table,
     Tracks,
@@ -238,37 +241,54 @@ class SlamCheckpoints:
         begin: State,
     ) -> None:
         self._run = RunCheckpoints(save, resume, lambda: _run_facts(source, settings, sensors, begin))
-        self._last: Frame | None = None
+        # Of each pass so far what gives its state, and of each of the saved run that is to come its state.
+        self._states: list[Callable[[], State]] = []
+        self._last, self._to_come = self._taken()
 
-    def resumed(self) -> State | None:
-        """State of the loop that was saved, if there is one."""
+    def _taken(self) -> tuple[Frame | None, list[State]]:
+        """The last frame of the saved run, and the state of each of its passes."""
         taken = self._run.taken
         if taken is None:
-            return None
+            return None, []
         try:
-            last, state = unflatten(taken.arrays, _CLASSES)
+            last, states = unflatten(taken.arrays, _CLASSES)
         except (InvalidArgument, ValueError) as error:
             raise DatasetError(taken.path, f"is no checkpoint of a run over frames: {error}") from error
-        self._last = last
-        return dict(state)
+        return last, list(states)
+
+    def begin_pass(self, state: Callable[[], State]) -> State | None:
+        """Begin the next pass over the frames, whose state is asked for; give that of the saved run, if any.
+
+        Those before are finished, and their states do not change any more.
+        """
+        self._states.append(state)
+        if not self._to_come:
+            self._last = None
+            return None
+        return self._to_come.pop(0)
+
+    @property
+    def has_finished(self) -> bool:
+        """Whether the saved run has finished this pass."""
+        return bool(self._to_come)
 
     def has_passed(self, frame: Frame) -> bool:
-        """Whether the saved run took a frame; DatasetError if it was another one."""
+        """Whether the saved run took a frame in this pass; DatasetError if it was another one."""
         last, taken = self._last, self._run.taken
-        if last is None or taken is None or frame.number > last.number:
+        if last is None or taken is None or (frame.number > last.number and not self.has_finished):
             return False
         if frame.number == last.number and not _is_same_frame(frame, last):
             raise DatasetError(taken.path, f"is of other images: frame {frame.number} sees something else")
         return True
 
-    def offer(self, frame: Frame, state: Callable[[], State], last: bool) -> None:
-        """Save the state after a frame, once, asked for only if it is time or the run ends there."""
+    def offer(self, frame: Frame, last: bool) -> None:
+        """Save the states after a frame, once, asked for only if it is time or the run ends there."""
         if frame is not self._last:
-            self._run.offer(lambda: self._saved(frame, state()), last)
+            self._run.offer(lambda: self._saved(frame), last)
 
-    def _saved(self, frame: Frame, state: State) -> dict[str, NDArray[Any]]:
+    def _saved(self, frame: Frame) -> dict[str, NDArray[Any]]:
         self._last = frame
-        return flatten((frame, state))
+        return flatten((frame, [state() for state in self._states]))
 
     @property
     def warnings(self) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sfmcpp.model import Gap, SensorStream, Trajectory
+from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Slip, without_slip
 from sfmcpp.sensors.rate_drift import RateDrift, without_drift
@@ -15,7 +15,7 @@ from sfmcpp.slam.sensor_faults import dead_odometers, misaligned_odometers
 from sfmcpp.slam.sensor_suite import SensorSuite
 
 
-def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[MotionSensor, ...] | None:
+def corrected_in_hindsight(sensors: SensorSuite) -> tuple[MotionSensor, ...] | None:
     """The sensors as they should have been from the start.
 
     They are on the camera's clock and mounting, without biases, drifts and slips, and without what a sensor
@@ -26,16 +26,13 @@ def corrected_in_hindsight(sensors: SensorSuite, vision: Trajectory) -> tuple[Mo
     Parameters
     ----------
     sensors : SensorSuite
-        Those of a finished run; clocks that were off are set once more.
-    vision : Trajectory
-        Rotations of the camera by the images alone, over the whole run.
+        Those of a finished run, which do not change.
 
     Returns
     -------
     tuple of MotionSensor or None
         None where the run found nothing wrong.
     """
-    sensors.refine_clocks(vision)
     turns = misaligned_odometers(sensors)
     # A dead, slipping or misaligned odometer bends the map, and so does a bias that changes: conflicts then
     # say nothing against sensors.

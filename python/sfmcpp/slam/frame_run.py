@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from sfmcpp.ba.adjust import continues_after
 from sfmcpp.ba.checkpoints import CheckpointStore
@@ -67,30 +67,10 @@ def run_slam(
     """
     slam = Slam(source.intrinsics, settings, sensors)
     checkpoints = SlamCheckpoints(checkpoint, resume, source, slam.settings, sensors, slam.state())
-    state = checkpoints.resumed()
-    if state is not None:
-        slam.restore(state)
-    begin_s = time.perf_counter() - slam.result.seconds
-    seen: list[Frame] = []
-    last: Frame | None = None
-    for frame in source:
-        last = frame
-        if sensors:
-            seen.append(frame)
-        if checkpoints.has_passed(frame):
-            continue
-        slam.step(frame)
-        slam.result.seconds = time.perf_counter() - begin_s
-        ended = ends_run(callback, frame.number, slam.result)
-        checkpoints.offer(frame, slam.state, ended)
-        if ended:
-            break
-    else:
-        if last is not None:  # what follows may take as long as the frames
-            checkpoints.offer(last, slam.state, True)
-        slam.finish()
-        slam = _repeated_with_corrections(slam, source, seen, callback)
-    slam.result.seconds = time.perf_counter() - begin_s
+    passes = _Passes(source, callback, checkpoints, kept=bool(sensors))
+    if passes.take(slam):
+        slam = _repeated_with_corrections(slam, source, passes)
+    slam.result.seconds = passes.seconds
     slam.result.warnings += checkpoints.warnings
     return slam.result
 
@@ -100,9 +80,56 @@ def ends_run(callback: Listener | None, frame: int, result: SlamResult) -> bool:
     return callback is not None and not continues_after(callback(frame, result))
 
 
-def _repeated_with_corrections(
-    slam: Slam, source: FrameSource, frames: Sequence[Frame], callback: Listener | None
-) -> Slam:
+class _Passes:
+    """Passes over the same frames, each by a loop of its own; those of a saved run are taken up.
+
+    Frames are read from the source once, and where a second pass may come are `kept` for it.
+    """
+
+    def __init__(
+        self, source: FrameSource, callback: Listener | None, checkpoints: SlamCheckpoints, *, kept: bool
+    ) -> None:
+        self._frames: Iterable[Frame] = source
+        self._callback, self._checkpoints, self._kept = callback, checkpoints, kept
+        self._begin_s = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """What all passes have taken so far, with those of the saved run [s]."""
+        return time.perf_counter() - self._begin_s
+
+    def take(self, slam: Slam) -> bool:
+        """Take all frames and finish; False if the callback ends it before."""
+        checkpoints = self._checkpoints
+        state = checkpoints.begin_pass(slam.state)
+        if state is not None:
+            slam.restore(state)
+            self._begin_s = time.perf_counter() - slam.result.seconds
+        seen: list[Frame] = []
+        last: Frame | None = None
+        for frame in self._frames:
+            last = frame
+            if self._kept:
+                seen.append(frame)
+            if not checkpoints.has_passed(frame) and self._ends(slam, frame):
+                return False
+        self._frames = seen
+        if not checkpoints.has_finished:
+            if last is not None:  # what follows may take as long as the frames
+                checkpoints.offer(last, True)
+            slam.finish()
+        return True
+
+    def _ends(self, slam: Slam, frame: Frame) -> bool:
+        """Take a frame; whether the callback ends the run there."""
+        slam.step(frame)
+        slam.result.seconds = self.seconds
+        ended = ends_run(self._callback, frame.number, slam.result)
+        self._checkpoints.offer(frame, ended)
+        return ended
+
+
+def _repeated_with_corrections(slam: Slam, source: FrameSource, passes: _Passes) -> Slam:
     """The run once more with corrected sensors, if it has found anything wrong; twice after a wrong mounting.
 
     That is kept if it finds nothing wrong any more; otherwise the images were wrong, as on a motorway.
@@ -112,8 +139,8 @@ def _repeated_with_corrections(
     for _ in range(_MOST_RESTARTS):
         if sensors is None:
             break
-        again = _run_again(latest, source, frames, sensors, callback)
-        if again is None:
+        again = Slam(source.intrinsics, slam.settings, sensors)
+        if not passes.take(again) or again.result.world is None:
             return slam
         sensors = again.in_hindsight()
         if sensors is None:
@@ -127,20 +154,3 @@ def _repeated_with_corrections(
     if sensors is not None:
         slam.result.warnings.append("a run without what was wrong found more, and was not kept")
     return slam
-
-
-def _run_again(
-    slam: Slam,
-    source: FrameSource,
-    frames: Sequence[Frame],
-    sensors: Sequence[MotionSensor],
-    callback: Listener | None,
-) -> Slam | None:
-    """A run over the same frames with other sensors; None if the callback ends it, or it has no map."""
-    again = Slam(source.intrinsics, slam.settings, sensors)
-    for frame in frames:
-        again.step(frame)
-        if ends_run(callback, frame.number, again.result):
-            return None
-    again.finish()
-    return None if again.result.world is None else again

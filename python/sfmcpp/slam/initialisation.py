@@ -44,6 +44,8 @@ _FEWEST_OF_A_PAIR = 30
 # Fault-free gyroscopes came to 4, as the error of a track lasts; a clock off by half a second came to 10
 # where it turned the start by degrees.
 _DENIED_SIGMAS = 5.0
+# Their noise is at least this: with the exact tracks of a simulation any rotation raises the cost [px].
+_LEAST_NOISE_PX = 0.1
 # Degrees of freedom of three cameras up to a similarity: 18 − 7.
 _FREEDOM_OF_CAMERAS = 11
 # Parallax that a rotation leaves is no noise from here on; where a camera only turns it is a tenth [px].
@@ -260,7 +262,8 @@ def _images_contradict(
     """
     rotations = sum(group.num_members for group in groups)
     redundancy = 2 * problem.num_observations - 3 * problem.num_points - _FREEDOM_OF_CAMERAS
-    return (with_rotations - alone) * redundancy > _DENIED_SIGMAS**2 * 3 * rotations * alone
+    noise = max(alone, 0.5 * redundancy * _LEAST_NOISE_PX**2)
+    return (with_rotations - alone) * redundancy > _DENIED_SIGMAS**2 * 3 * rotations * noise
 
 
 def _agrees_with_gyroscope(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -14,6 +15,7 @@ from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Slip, find_slip, is_easier_without
+from sfmcpp.sensors.slip import SLIP_MARGIN
 from sfmcpp.slam.fusion import constraint_groups
 from sfmcpp.slam.mapping import ROBUST_LOSS
 from sfmcpp.slam.measurement import METRIC_KINDS, Measurement
@@ -76,12 +78,18 @@ def _find_slips(result: SlamResult, sensors: SensorSuite) -> list[str]:
         return []
     for odometer in sensors.of_type(Odometer):
         told_by_images = [_slip_in(world, part, odometer, sensors) for part in _parts(world)]
-        found = [slip for slip in told_by_images if slip and is_easier_without(odometer.stream, slip)]
+        likely = [slip for slip in told_by_images if slip and slip.gain >= _least_gain(world)]
+        found = [slip for slip in likely if is_easier_without(odometer.stream, slip)]
         if found:
             likeliest = max(found, key=lambda slip: slip.gain)
             sensors.slips[odometer.name] = likeliest
             told.append(f"{odometer.name}: {likeliest.complaint}")
     return told
+
+
+def _least_gain(world: WorldMap) -> float:
+    """Log-likelihood ratio from which the best of all parts is a slip: more parts give chance more trials."""
+    return SLIP_MARGIN + math.log(max(len(world.keyframes) / _MOST_KEYFRAMES, 1.0))
 
 
 def _parts(world: WorldMap) -> Iterator[range]:

@@ -105,17 +105,22 @@ def place_at_end(result: SlamResult, sensors: SensorSuite, settings: SlamSetting
 
 
 def _num_measured(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> int:
-    """Number of keyframes whose place is measured, not extrapolated, or that measured distances link."""
+    """Number of keyframes whose place is measured, or that measured distances link."""
     absolute = [s for s in sensors.sensors if isinstance(s, Gps | Ins)]
-    places = sum(any(_is_within(sensor, k.t_s) for sensor in absolute) for k in keyframes)
+    places = max((len(_measured_apart(keyframes, sensor)) for sensor in absolute), default=0)
     known = sum(distance is not None for distance in _distances_between(keyframes, sensors))
     return max(places, known + (known > 0))
 
 
-def _is_within(sensor: Gps | Ins, time_s: float) -> bool:
-    """Whether a time is between the first and the last that a sensor measures: beyond, it is extrapolated."""
-    first, last = sensor.believed.t_s[[0, -1]]
-    return bool(first <= time_s <= last)
+def _measured_apart(keyframes: Sequence[Keyframe], sensor: Gps | Ins) -> list[Keyframe]:
+    """Keyframes whose places are measured, not extrapolated, by fixes of their own.
+
+    Of those between the same two the first: what is interpolated for the others has the same errors.
+    """
+    t_s = sensor.believed.t_s
+    within = [keyframe for keyframe in keyframes if t_s[0] <= keyframe.t_s <= t_s[-1]]
+    _, first = np.unique(np.searchsorted(t_s, [keyframe.t_s for keyframe in within]), return_index=True)
+    return [within[k] for k in first]
 
 
 def _distances_between(keyframes: Sequence[Keyframe], sensors: SensorSuite) -> list[float | None]:
@@ -272,8 +277,9 @@ def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewes
     """Fit to positions; on a straight path the camera is taken to be upright."""
     gps = sensors.of_type(Gps)[0]
     rotation = np.eye(3)
+    told = _measured_apart(keyframes, gps)
     for _ in range(_ROUNDS):
-        at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in keyframes if _is_within(gps, k.t_s)]
+        at = [(k.pose, gps.at(k.t_s, rotation @ k.pose[:, :3])) for k in told]
         pairs = [(seen, centre) for seen, centre in at if centre is not None]
         if len(pairs) < fewest:
             return None

@@ -39,7 +39,8 @@ class KeyframeRecord:
         Relative standard deviation of the distance to the keyframe before, by the images alone; 0 where the
         map is in metres, as sensors hold the scale, or the step is too short to give points.
     selections : list of WeightSelection
-        The whole curves that the weights were chosen from, one per sensor.
+        The whole curves that the weights were chosen from, one per sensor; of a run with many keyframes kept
+        for some, evenly spread (:meth:`SlamResult.record`).
     """
 
     frame: int
@@ -57,6 +58,15 @@ class KeyframeRecord:
         self.weights = {c.measurement.sensor: c.weight for c in fused.constraints}
         self.conflicts = {s.name: s.conflict.sigmas for s in fused.selections}
         self.selections = list(fused.selections)
+
+
+# Curves are kept of so many keyframes at most: a plot shows a few, and those of an hour fill hundreds of MB.
+_MOST_CURVES = 1024
+
+
+def _apart(count: int) -> int:
+    """Least power of two of which no more than `_MOST_CURVES` multiples are below a number."""
+    return 1 << (max(count - 1, 0) // _MOST_CURVES).bit_length()
 
 
 @dataclass(frozen=True)
@@ -150,6 +160,15 @@ class SlamResult:
     def doubtful(self) -> set[int]:
         """Frames whose poses do not come from the map."""
         return {*self.bridged, *self.lost}
+
+    def record(self, keyframe: KeyframeRecord) -> None:
+        """Take the record of the next keyframe; of many only every second, fourth … keeps its curves."""
+        self.records.append(keyframe)
+        last = len(self.records) - 1
+        apart = _apart(last + 1)
+        for k in range(0 if apart > _apart(last) else last, last + 1):
+            if k % apart:
+                self.records[k].selections = []
 
     def trust(self, frame: int) -> None:
         """Take a frame for one whose pose comes from the map after all."""

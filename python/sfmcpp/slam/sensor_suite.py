@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
@@ -27,7 +28,7 @@ from sfmcpp.sensors import (
 from sfmcpp.sensors.rate_drift import RateDrift, find_drift
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
-from sfmcpp.slam.measurement import METRIC_KINDS, Measurement, MotionSensor
+from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS, Measurement, MotionSensor
 from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
 from sfmcpp.slam.rate_biases import RateBiases, RatesAtRest
 from sfmcpp.slam.world_map import Keyframe
@@ -43,17 +44,49 @@ _AT_REST_M_S = 0.2
 _LAST_TURNS = 48
 # Clock offsets up to this are tried [s].
 _LARGEST_OFFSET_S = 1.0
-# Attributes that change with the keyframes.
+# Attributes that change with the keyframes, and at the end of a run.
 _STATE = (
     "in_conflict",
     "experience",
     "moved_s",
     "in_time",
     "biases",
+    "slips",
+    "drifts",
     "turns",
     "turns_until_s",
     "steps",
 )
+
+
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """Sensors with their corrections, which are made where they are asked for: many feeds come between."""
+
+    given: tuple[MotionSensor, ...]
+    moved_s: Mapping[str, float]
+    biases: Mapping[str, RateBias]
+
+    @cached_property
+    def sensors(self) -> tuple[MotionSensor, ...]:
+        return tuple(map(self._corrected, self.given))
+
+    @cached_property
+    def in_step(self) -> dict[str, SensorStream]:
+        """Streams on the camera's clock, as far as that is known; rates without their spikes."""
+        return {s.name: self._on_camera_clock(s.name, s.stream) for s in self.given if isinstance(s, STAMPED)}
+
+    def _corrected(self, sensor: MotionSensor) -> MotionSensor:
+        if not (has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)):
+            return sensor
+        in_step = replace(sensor, stream=self.in_step[sensor.name])
+        bias = self.biases.get(sensor.name)
+        return _without_bias(in_step, bias) if bias is not None and has_rates(in_step) else in_step
+
+    def _on_camera_clock(self, name: str, stream: SensorStream) -> SensorStream:
+        sound = without_spikes(stream) if stream.kind == "angular_rate" else stream
+        moved_s = self.moved_s.get(name)
+        return sound if moved_s is None else sound.shifted(moved_s)
 
 
 class SensorSuite:
@@ -75,8 +108,8 @@ class SensorSuite:
         for name in names:
             if (count := names.count(name)) > 1:
                 raise InvalidArgument(f"sensors: {count} are named {name!r}, must have names of their own")
-        # As they were given, and with their corrections.
-        self.given = self.sensors = tuple(sensors)
+        # As they were given.
+        self.given = tuple(sensors)
         # Names of those that disagreed with the images at the latest keyframe.
         self.in_conflict: frozenset[str] = frozenset()
         # How each compared with the images so far, by name.
@@ -94,8 +127,13 @@ class SensorSuite:
         # Motions from frame to frame with their covariances.
         self.steps: list[Turn] = []
         # Whether every clock that can be compared with the camera's has been, and is right.
-        self.in_time = not self.of_type(Gyroscope)
+        self.in_time = not any(isinstance(sensor, Gyroscope) for sensor in self.given)
         self._apply_corrections()
+
+    @property
+    def sensors(self) -> tuple[MotionSensor, ...]:
+        """The sensors with their corrections."""
+        return self._corrected.sensors
 
     def of_type(self, kind: type[_Sensor]) -> list[_Sensor]:
         """The sensors of a class, with their corrections."""
@@ -169,15 +207,19 @@ class SensorSuite:
         rotation, previous = pose[:, :3], last.pose[:, :3]
         return self.measure(last.t_s, time_s, rotation, metric=metric, previous=previous)
 
-    def learn(self, fused: Fused, stretch: Gap) -> None:
+    def learn(self, fused: Fused, stretch: Gap, *, moved_back: bool = False) -> None:
         """Remember how the sensors compared with the images at a keyframe, over the time to it.
 
-        Not those whose own stream is in doubt there: a warning names them already.
+        Not those whose own stream is in doubt there: a warning names them already. Where the map was
+        `moved_back` to positions, it was not these that were wrong.
         """
         self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
-                self._experience_of(selection.name).add(selection.conflict, stretch)
+                known = self._experience_of(selection.name)
+                known.add(selection.conflict, stretch)
+                if moved_back and constraint.measurement.kind in PLACE_KINDS:
+                    known.explain()
 
     def set_clocks(self, vision: Trajectory | None = None) -> list[str]:
         """Set the clocks of gyroscopes by the rotations of the camera, where these determine them.
@@ -289,7 +331,7 @@ class SensorSuite:
         """Rates by the rests so far, computed once for each: most keyframes are none."""
         known = self._at_rest.get(name)
         if known is None or known.rests != len(self.biases.rests):
-            known = self._at_rest[name] = RatesAtRest.of(self._in_step[name], self.biases.rests)
+            known = self._at_rest[name] = RatesAtRest.of(self._corrected.in_step[name], self.biases.rests)
         return known
 
     def find_drifts(self) -> None:
@@ -299,23 +341,8 @@ class SensorSuite:
 
     def _apply_corrections(self) -> None:
         """Make the sensors those given, with their clocks set, and without spikes and biases of rates."""
-        stamped = [sensor for sensor in self.given if isinstance(sensor, STAMPED)]
-        self._in_step = {s.name: self._on_camera_clock(s.name, s.stream) for s in stamped}
+        self._corrected = _Corrected(self.given, dict(self.moved_s), dict(self.biases.known))
         self._at_rest: dict[str, RatesAtRest] = {}
-        self.sensors = tuple(map(self._corrected, self.given))
-
-    def _corrected(self, sensor: MotionSensor) -> MotionSensor:
-        if not (has_rates(sensor) or (isinstance(sensor, STAMPED) and sensor.name in self.moved_s)):
-            return sensor
-        in_step = replace(sensor, stream=self._in_step[sensor.name])
-        bias = self.biases.known.get(sensor.name)
-        return _without_bias(in_step, bias) if bias is not None and has_rates(in_step) else in_step
-
-    def _on_camera_clock(self, name: str, stream: SensorStream) -> SensorStream:
-        """A stream on the camera's clock, as far as that is known; rates without their spikes."""
-        sound = without_spikes(stream) if stream.kind == "angular_rate" else stream
-        moved_s = self.moved_s.get(name)
-        return sound if moved_s is None else sound.shifted(moved_s)
 
     def _forget_experience(self, names: Collection[str]) -> None:
         """Discard the knowledge about sensors that have been corrected."""

@@ -17,7 +17,7 @@ from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.checks import require_finite, require_near
 from sfmcpp.model.frames import Frame, View, checked_view, common
 from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_latest_frame
-from sfmcpp.slam.bridging import Follower, Step, rejoin
+from sfmcpp.slam.bridging import Follower, Step, rejoin, untied
 from sfmcpp.slam.calibration import calibrate, calibrate_at_rest
 from sfmcpp.slam.camera_check import warn_of_camera
 from sfmcpp.slam.check_positions import check_positions
@@ -213,12 +213,16 @@ class Slam:
         self.result.warnings += warn_of_scale(self.result)
         self.result.warnings += warn_of_still_tracks(self.result.world)
         self.result.warnings += warn_of_camera(self.result.world, self.settings)
+        if self._judges_in_hindsight:
+            self._sensors.refine_clocks(self.result.seen_trajectory())
 
     def in_hindsight(self) -> tuple[MotionSensor, ...] | None:
         """The sensors that a run over the same frames should have; None where these will do."""
-        if not self.settings.trusts_declared or len(self.result.poses) < 2:
-            return None
-        return corrected_in_hindsight(self._sensors, self.result.seen_trajectory())
+        return corrected_in_hindsight(self._sensors) if self._judges_in_hindsight else None
+
+    @property
+    def _judges_in_hindsight(self) -> bool:
+        return self.settings.trusts_declared and len(self.result.poses) > 1
 
     @property
     def has_wrong_mounting(self) -> bool:
@@ -297,8 +301,9 @@ class Slam:
     def _add_keyframes_of_gap(self, last: Frame, frame: Frame, step: Step, clock: Clock) -> None:
         """Keyframes on both sides of a gap, so that points come from what they share."""
         if self._world.keyframes[-1].frame != last.number:
+            last = untied(last, self._world) if step.stood else last
             self._add_keyframe(last, self.result.path.pose_of(last.number), clock)
-        self._add_keyframe(frame, step.pose, clock)
+        self._add_keyframe(untied(frame, self._world) if step.stood else frame, step.pose, clock)
 
     def _start_again(self, frame: Frame, initialiser: Initialiser) -> None:
         """Start a new part of the map from the frames since the loss, if possible."""
@@ -340,13 +345,14 @@ class Slam:
         self._lately = [seen for seen in self._lately if seen.number >= frame.number]
         clock.lap("adjustment")
         place_in_world(self.result, self._sensors, self.settings)
-        self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s))
+        moved_back = frame.number in self.result.corrections[-1:]
+        self._sensors.learn(fused, Gap(world.keyframes[-2].t_s, frame.t_s), moved_back=moved_back)
         calibrate(self.result, self._sensors, self.settings)
         if len(world.keyframes) % _EVERY == 0:
             self._tell(faults_so_far(self._sensors))
         record.take_fusion(fused)
         record.milliseconds = dict(clock.laps)
-        self.result.records.append(record)
+        self.result.record(record)
 
     def _tell(self, faults: list[str]) -> None:
         """Replace the warnings of faults of sensors that were given before."""

@@ -1,7 +1,8 @@
-"""`sfmcpp slam --view`: the page is there while it is said to be, and the results are those of any run."""
+"""What `sfmcpp slam` shows of a run: a page with --view, which changes no result, and a line of progress."""
 
 from __future__ import annotations
 
+import io
 import re
 import signal
 import subprocess
@@ -11,9 +12,12 @@ from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import sfmcpp
 from cli_helpers import COMMAND, TIMEOUT_S, is_one_error_line, run
+from sfmcpp import slam
+from sfmcpp.cli import slam_run
 from sfmcpp.sources.io.track_files import CameraTracks, write_tracks
 
 
@@ -82,3 +86,20 @@ def test_a_missing_viser_is_told_before_anything_is_read(drive: Path, tmp_path: 
     assert is_one_error_line(result)
     assert "view: needs viser: pip install 'sfmcpp[view]'" in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("frames", [(0, 1, 2), (2, 0, 1, 2)])
+def test_what_follows_the_last_frame_is_shown(
+    frames: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may take minutes; then the frames may come once more."""
+    shown = io.StringIO()
+    terminal = Console(file=shown, force_terminal=True, width=120)
+    monkeypatch.setattr(slam_run, "progress_is_seen", lambda: True)
+    monkeypatch.setattr(slam_run, "stderr_console", lambda: terminal)
+    with slam_run._shown_progress(3, quiet=False) as show:
+        for frame in frames:
+            show(frame, slam.SlamResult())
+    *_, last = shown.getvalue().split("frame 3/3")
+    assert "the whole map is adjusted and checked" in last
+    assert ("once more" in last) == (frames[0] == 2)

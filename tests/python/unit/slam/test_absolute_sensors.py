@@ -145,6 +145,20 @@ def test_keyframes_within_the_noise_of_positions_have_not_drifted_from_them(kind
     assert correction(world, SensorSuite([replace(exact, sigma_m=0.1)]), settings) is not None
 
 
+@pytest.mark.parametrize(("every", "brought"), [(20, False), (5, True)])
+def test_keyframes_between_the_same_fixes_count_as_one(every: int, brought: bool) -> None:
+    """They lie on the line through these, whatever their noise is, which turned the map to and fro."""
+    scene, settings = straight(), SlamSettings()
+    world = run_slam(sequence_of(scene)).world
+    assert world is not None
+    gps = gps_of(scene.cameras, 0.05)
+    fixes = gps.stream.only(np.arange(len(gps.stream)) % every == 0)
+    suite = SensorSuite([replace(gps, stream=replace(fixes, max_gap_s=60.0))])
+    told = sum(keyframe.t_s <= fixes.t_s[-1] for keyframe in world.keyframes)
+    assert told >= settings.registration_keyframes
+    assert (registration(world, suite, settings) is not None) == brought
+
+
 def test_an_odometer_gives_drifted_keyframes_their_scale_back_where_that_is_asked_for() -> None:
     scene = straight()
     wheel = Odometer(path_length(scene.cameras))

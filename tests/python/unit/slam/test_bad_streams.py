@@ -24,6 +24,7 @@ from sfmcpp.slam import (
     TrackSequence,
     run,
     run_slam,
+    sensor_suite,
 )
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.sources.drives import Drive, tracks_of_kitti
@@ -221,6 +222,30 @@ def test_measurements_fed_as_they_come_give_the_same_map() -> None:
     require_same_poses(online.result, known)
     with pytest.raises(InvalidArgument, match="name = 'gyro': must be one of odometer"):
         online.feed("gyro", whole.t_s, whole.values)
+
+
+def test_a_stream_is_corrected_where_it_is_asked_for_not_with_every_feed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After an hour of a gyroscope that takes longer than a frame."""
+    drive, corrected = winding(seed=0), list[int]()
+    gyro, wheel = drive.gyro, drive.odometer
+    first = [replace(s, t_s=s.t_s[:2], values=s.values[:2]) for s in (wheel, gyro)]
+    suite = SensorSuite([Odometer(first[0]), Gyroscope(first[1], AT_CAMERA)])
+    sound = sensor_suite.without_spikes
+
+    def noted(stream: SensorStream) -> SensorStream:
+        corrected.append(len(stream))
+        return sound(stream)
+
+    monkeypatch.setattr(sensor_suite, "without_spikes", noted)
+    for name, stream in (("odometer", wheel), ("gyro", gyro)):
+        for k in range(2, 12):
+            suite.feed(name, stream.t_s[k : k + 1], stream.values[k : k + 1])
+    assert not corrected
+    for _ in range(2):
+        assert suite.rotation(*gyro.t_s[[2, 11]]) is not None
+    assert corrected == [12]
 
 
 def test_an_odometer_that_tells_no_motion_is_named() -> None:

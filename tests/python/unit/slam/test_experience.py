@@ -104,6 +104,59 @@ def test_few_points_say_nothing_against_a_sensor(points: int, named: bool) -> No
     assert bool(known.describe("odometer")) == named
 
 
+@pytest.mark.parametrize(
+    ("unit", "points", "after", "named"),
+    [("m", 9, 3, False), ("m", 9, 4, True), ("m", 10, 0, True), ("rad", 9, 0, True)],
+)
+def test_points_after_a_lost_map_have_lost_their_scale(
+    unit: str, points: int, after: int, named: bool
+) -> None:
+    """As behind a stop at which the tracks have died: that says nothing against an odometer."""
+    known = Experience()
+    for k in range(20):
+        few = {"observations": points} if k == 7 else {}
+        wrong = report(16.0 if k == 8 + after else 0.5, sensor_sigma=0.02, **few)
+        known.add(replace(wrong, unit=unit), STEP)
+    assert bool(known.describe("odometer")) == named
+
+
+@pytest.mark.parametrize(
+    ("count", "in_a_row", "named"), [(100, 6, True), (1700, 10, False), (1700, 11, True)]
+)
+def test_more_keyframes_need_a_longer_conflict(count: int, in_a_row: int, named: bool) -> None:
+    known = Experience()
+    for k in range(count):
+        known.add(report(3.1 if 50 <= k < 50 + in_a_row else 0.5, sensor_sigma=10.0), STEP)
+    assert bool(known.describe("odometer")) == named
+
+
+@pytest.mark.parametrize(
+    ("count", "sigmas", "named"), [(100, 8.1, True), (1700, 9.0, False), (1700, 10.0, True)]
+)
+def test_more_keyframes_need_a_stronger_conflict(count: int, sigmas: float, named: bool) -> None:
+    known = Experience()
+    for k in range(count):
+        known.add(report(sigmas if k == 50 else 0.5, sensor_sigma=0.02), STEP)
+    assert bool(known.describe("odometer")) == named
+
+
+def test_conflicts_that_end_as_the_map_is_moved_are_told_as_such_and_after_others() -> None:
+    """A map drifts off positions by itself: these are seldom wrong."""
+    known = Experience()
+    for k in range(40):
+        known.add(report(9.0 if 10 <= k < 20 else 0.5, sensor_sigma=1.0), STEP)
+        if k == 19:
+            known.explain()
+    (told,) = known.describe("gps")
+    assert "10 consecutive keyframes, by up to 9 σ" in told
+    assert told.endswith("the images drifted, or it is wrong; the map was moved to it")
+    for k in range(10):
+        known.add(report(3.5 if k < 7 else 0.5, sensor_sigma=1.0), STEP)
+    (told,) = known.describe("gps")
+    assert "7 consecutive keyframes" in told
+    assert told.endswith("one of them is wrong")
+
+
 def test_a_run_estimates_what_is_not_declared_and_says_so() -> None:
     drive = winding(seed=1)
     result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer, sigma_m=None)])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.model.frames import View
 from sfmcpp.sensors import Mounting, SensorStream
-from sfmcpp.slam import Frame, Gyroscope, Measurement, SlamSettings, WorldMap
+from sfmcpp.slam import Frame, Gyroscope, Measurement, SlamResult, SlamSettings, WorldMap, result
 from sfmcpp.slam.between_keyframes import fit_latest_frame
 from sfmcpp.slam.fusion import (
     constraint_groups,
@@ -18,6 +18,7 @@ from sfmcpp.slam.fusion import (
     presumed_weights,
     usual_weights,
 )
+from sfmcpp.slam.result import KeyframeRecord
 from sfmcpp.slam.world_map import WeightedMeasurement
 from slam_helpers import INTRINSICS, project, small_map
 
@@ -234,3 +235,16 @@ def test_what_shaken_rates_may_be_off_judges_a_conflict_and_is_no_weight() -> No
     # Forty steps of a tenth of a second.
     assert lax.slack == pytest.approx(0.1 * 0.02 * np.sqrt(40), rel=0.3)
     assert pose_constraint(lax, PREVIOUS).slack == lax.slack
+
+
+def test_of_many_keyframes_some_keep_their_curves(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are most of what a keyframe holds, and a plot shows a few."""
+    monkeypatch.setattr(result, "_MOST_CURVES", 8)
+    curve = [object()]
+    found = SlamResult()
+    for k in range(100):
+        found.record(KeyframeRecord(k, float(k), 10, selections=curve))  # type: ignore[arg-type]
+        kept = [record.frame for record in found.records if record.selections]
+        assert min(k + 1, 4) <= len(kept) <= 8
+        assert len(set(np.diff(kept))) <= 1
+    assert kept == list(range(0, 100, 16))

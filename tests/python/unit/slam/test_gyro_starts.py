@@ -7,12 +7,12 @@ import pytest
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
-from sfmcpp.slam import Gyroscope, SlamSettings, TrackSequence, WorldMap
+from sfmcpp.slam import Gyroscope, SlamSettings, TrackSequence, WorldMap, run_slam
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.localisation import expected_rotation, locate
 from sfmcpp.slam.sensor_suite import SensorSuite
 from slam_helpers import INTRINSICS, STEP_S, drive, path
-from winding import AT_CAMERA
+from winding import AT_CAMERA, winding
 
 FRAMES = 16
 TURN_RAD_S = 0.05
@@ -94,3 +94,11 @@ def test_the_turn_of_a_gyroscope_is_kept_where_the_images_support_it(bias_rad_s:
     assert found.seen is not None
     assert np.array_equal(found.pose[:, :3], told) == kept
     assert np.array_equal(found.pose, found.seen) != kept
+
+
+def test_exact_tracks_and_rates_start_a_map() -> None:
+    """Of exact tracks any rotation but the very best raises the cost by many times what it is."""
+    exact = winding(sigma_px=0.0)
+    result = run_slam(exact.sequence, sensors=[Gyroscope(exact.gyro, AT_CAMERA)])
+    assert sorted(result.poses) == list(range(len(exact.sequence)))
+    assert exact.errors(result)[0] < 0.01

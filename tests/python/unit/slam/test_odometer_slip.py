@@ -9,11 +9,21 @@ import numpy as np
 import pytest
 
 from sfmcpp.model import SensorStream
+from sfmcpp.model.frames import Frame, View
 from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
+from sfmcpp.slam import (
+    Gyroscope,
+    MotionSensor,
+    Odometer,
+    SlamResult,
+    SlamSettings,
+    WorldMap,
+    odometer_slip,
+    run_slam,
+)
 from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
-from slam_helpers import error_m
+from slam_helpers import INTRINSICS, error_m
 
 pytestmark = pytest.mark.real
 
@@ -60,3 +70,11 @@ def test_a_correct_odometer_is_not_named(drive: KittiDrive, gyro: bool) -> None:
 def test_where_weights_are_those_of_the_thesis_no_slip_is_looked_for(drive: KittiDrive) -> None:
     result = run(drive, 0.75, gyro=True, settings=SlamSettings(weight_bounds="none"))
     assert not any("slips" in told for told in result.warnings)
+
+
+@pytest.mark.parametrize(("count", "gain"), [(100, 8.0), (160, 8.0), (1600, 8.0 + np.log(10.0))])
+def test_among_more_keyframes_a_slip_must_be_likelier(count: int, gain: float) -> None:
+    world = WorldMap(INTRINSICS)
+    for k in range(count):
+        world.add(Frame(k, 0.1 * k, View(np.zeros(0, np.int32), np.zeros((0, 2)))), np.eye(3, 4))
+    assert odometer_slip._least_gain(world) == pytest.approx(gain)

@@ -85,8 +85,13 @@ def test_without_a_cut_there_is_no_second_part() -> None:
     assert result.lost == []
 
 
-def with_a_stop(pause: int = 60, life: int = 12) -> tuple[TrackSequence, np.ndarray]:
-    """The corridor with a stop at `CUT`, in which tracks end as if hidden; what each frame sees it from."""
+def with_a_stop(
+    pause: int = 60, life: int = 12, loose_px: float | None = None
+) -> tuple[TrackSequence, np.ndarray]:
+    """The corridor with a stop at `CUT`, in which tracks end as if hidden; what each frame sees it from.
+
+    With `loose_px` one does not end, and is off by so much afterwards.
+    """
     stations = np.r_[:CUT, np.full(pause, CUT), CUT : SCENE.num_cameras]
     rows = [np.flatnonzero(SCENE.camera_index == k) for k in stations]
     frame = np.repeat(np.arange(len(stations)), [len(some) for some in rows])
@@ -95,13 +100,21 @@ def with_a_stop(pause: int = 60, life: int = 12) -> tuple[TrackSequence, np.ndar
     age = np.clip(frame, CUT, CUT + pause) + point % life
     track = point + SCENE.num_points * (age // life)
     noise = np.random.default_rng(0).normal(0, 0.5, (len(chosen), 2))
+    if loose_px is not None:
+        both = np.intersect1d(SCENE.point_index[rows[CUT - 4]], SCENE.point_index[rows[CUT + pause + 3]])
+        track[point == both[0]] = both[0]
+        noise[(point == both[0]) & (frame >= CUT + pause)] += loose_px
     t_s = STEP_S * np.arange(len(stations))
     return TrackSequence(t_s, frame, track, SCENE.pixels[chosen] + noise, SCENE.intrinsics[0]), stations
 
 
-def test_a_stop_in_which_all_tracks_end_keeps_the_scale() -> None:
-    """The speed so far is noise then: the usual depth tells how far the camera drives off."""
-    sequence, stations = with_a_stop()
+@pytest.mark.parametrize("loose_px", [None, -40.0])
+def test_a_stop_in_which_all_tracks_end_keeps_the_scale(loose_px: float | None) -> None:
+    """The speed so far is noise then: the usual depth tells how far the camera drives off.
+
+    One track that did not end, and has come loose, does not decide on it.
+    """
+    sequence, stations = with_a_stop(loose_px=loose_px)
     result = run_slam(sequence)
     assert result.bridged
     centres = np.stack([result.poses[k][:, 3] for k in range(len(stations))])
