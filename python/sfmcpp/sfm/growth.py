@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -84,11 +83,6 @@ class Growth:
         self._adjusted = (0, 0)
         self._losses = np.zeros(self.world.num_images, dtype=np.intp)
         self._scores: dict[int, int] = {}
-        self._pairs: defaultdict[int, list[Pair]] = defaultdict(list)
-        for pair in sorted(scene.graph.pairs, key=lambda pair: -int(np.count_nonzero(pair.geometry.inliers))):
-            if pair.geometry.kind != "none":
-                self._pairs[pair.first].append(pair)
-                self._pairs[pair.second].append(pair)
 
     def start(self) -> bool:
         """Find a first pair; whether there is one."""
@@ -289,7 +283,8 @@ class Growth:
         though thousands tell how it turned.
         """
         world, graph = self.world, self._scene.graph
-        pairs = [p for p in self._pairs[image] if world.registered[[p.first, p.second]].all()][:_MOST_PAIRS]
+        pairs = [p for p in graph.verified_pairs[image] if world.registered[[p.first, p.second]].all()]
+        del pairs[_MOST_PAIRS:]
         errors = [epipolar_errors_px(graph, world, pair) for pair in pairs]
         agree = [np.count_nonzero(some <= _FAR * self._settings.outlier_px) for some in errors]
         counts = [len(some) for some in errors]

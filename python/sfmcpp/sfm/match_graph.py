@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,6 +71,16 @@ class MatchGraph:
     image_ids: list[int] | None = None
     cameras: list[DatabaseCamera] | None = None
     warnings: list[str] = field(default_factory=list)
+
+    @cached_property
+    def verified_pairs(self) -> list[list[Pair]]:
+        """Of each image the pairs with a geometry, those with most verified matches first."""
+        found: list[list[Pair]] = [[] for _ in self.photos]
+        verified = [pair for pair in self.pairs if pair.geometry.kind != "none"]
+        for pair in sorted(verified, key=lambda pair: -int(np.count_nonzero(pair.geometry.inliers))):
+            found[pair.first].append(pair)
+            found[pair.second].append(pair)
+        return found
 
     def pairs_by_camera(self, of_image: IndexArray) -> defaultdict[int, list[int]]:
         """Numbers of the pairs within each camera, by camera; `of_image` (I,) has that of each image."""
