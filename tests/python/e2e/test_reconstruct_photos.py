@@ -99,6 +99,7 @@ def test_one_more_photo_costs_only_its_own_pairs(field: Path, tmp_path: Path) ->
     new = [path.parent.name for path in now.keys() - kept.keys()]
     assert {stage: new.count(stage) for stage in set(new)} == {
         "features": 1,
+        "pairs": 1,  # the choice of all
         "matches": FEW - 1,
         "geometry": FEW - 1,
     }
