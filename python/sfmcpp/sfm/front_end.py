@@ -220,7 +220,9 @@ class _Work:
             arrays = self._from_cache_or_computed(
                 "geometry",
                 self._geometry_key(photos[i], photos[j], rows[i], rows[j]),
-                lambda: _arrays_of(self._estimated_geometry(features[i], features[j], rows[i], rows[j], m)),
+                lambda: _arrays_of(
+                    estimated_geometry(features[i], features[j], rows[i], rows[j], m, self.settings)
+                ),
             )
             return _geometry_of(arrays)
 
@@ -243,19 +245,6 @@ class _Work:
         ratio, mutual = self.settings.ratio, self.settings.mutual
         found = match(one.descriptors, other.descriptors, ratio=ratio, mutual=mutual, threads=1)
         return unique_matches(np.column_stack([places_1[found[:, 0]], places_2[found[:, 1]]]))
-
-    def _estimated_geometry(
-        self, one: Features, other: Features, row_1: Row, row_2: Row, matches: Matches
-    ) -> TwoViewGeometry:
-        return two_view_geometry(
-            one.pixels[matches[:, 0]],
-            other.pixels[matches[:, 1]],
-            row_1,
-            row_2,
-            threshold_px=self.settings.threshold_px,
-            min_inliers=self.settings.min_inliers,
-            seed=self.settings.seed,
-        )
 
     def _features_key(self, *photos: Photo) -> str:
         """Empty if there is a photo whose content is not known."""
@@ -311,6 +300,21 @@ class _Work:
             yield
         finally:
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
+
+
+def estimated_geometry(
+    one: Features, other: Features, row_1: Row, row_2: Row, matches: Matches, settings: FrontEndSettings
+) -> TwoViewGeometry:
+    """What matches say of two images; `row_1` and `row_2`: intrinsics, None where unknown."""
+    return two_view_geometry(
+        one.pixels[matches[:, 0]],
+        other.pixels[matches[:, 1]],
+        row_1,
+        row_2,
+        threshold_px=settings.threshold_px,
+        min_inliers=settings.min_inliers,
+        seed=settings.seed,
+    )
 
 
 def _first_at_place(pixels: FloatArray) -> IndexArray:

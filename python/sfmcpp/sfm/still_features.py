@@ -7,16 +7,15 @@ than those of the scene.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry import two_view_geometry
-from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
 from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
-from sfmcpp.sfm.front_end import FrontEndSettings, Intrinsics
+from sfmcpp.sfm.front_end import FrontEndSettings, Intrinsics, estimated_geometry
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.tracks import connected_parts
 
@@ -59,17 +58,21 @@ def without_still_features(
     still = still_features(graph)
     if not any(some.any() for some in still):
         return graph, []
-    touched = [k for k, pair in enumerate(graph.pairs) if _is_dropped(graph, pair, still).any()]
+    dropped = {k: out for k, pair in enumerate(graph.pairs) if (out := _is_dropped(graph, pair, still)).any()}
 
     def verified_anew(number: int) -> Pair:
-        return _without(graph, graph.pairs[number], still, intrinsics, settings)
+        pair = graph.pairs[number]
+        i, j, matches = pair.first, pair.second, pair.matches[~dropped[number]]
+        one, other = graph.features[i], graph.features[j]
+        geometry = estimated_geometry(one, other, intrinsics[i], intrinsics[j], matches, settings)
+        return replace(pair, matches=matches, geometry=geometry)
 
     threads = thread_count(settings.threads)
-    anew = results_in_order(verified_anew, touched, threads, stage="geometry", progress=progress)
+    anew = results_in_order(verified_anew, list(dropped), threads, stage="geometry", progress=progress)
     pairs = list(graph.pairs)
-    for number, pair in zip(touched, anew, strict=True):
+    for number, pair in zip(dropped, anew, strict=True):
         pairs[number] = pair
-    if not (_moves_together(graph, pairs) and _stands_where_others_move(graph, pairs, still)):
+    if not (_moves_together(graph, pairs) and _stands_where_others_move(graph, pairs, dropped)):
         return graph, []
     return replace(graph, pairs=pairs), [_warning(still)]
 
@@ -87,8 +90,7 @@ def still_features(graph: MatchGraph) -> list[BoolArray]:
     if len(keypoints):
         image = np.searchsorted(begin, keypoints, side="right") - 1
         parts = connected_parts(ends.reshape(-1, 2), len(keypoints))
-        places = zip(image, keypoints - begin[image], strict=True)
-        pixels = np.stack([graph.features[i].pixels[k] for i, k in places])
+        pixels = np.concatenate([features.pixels for features in graph.features])[keypoints]
         in_most = _images_of(parts, image) > _enough_images(graph)[image]
         chosen[keypoints] = in_most & _is_small(parts, pixels)
     return [np.asarray(some) for some in np.split(chosen, begin[1:-1])]
@@ -120,36 +122,13 @@ def _images_of(parts: NDArray[np.int32], image: NDArray[np.intp]) -> NDArray[np.
 
 def _is_small(parts: NDArray[np.int32], pixels: FloatArray) -> BoolArray:
     """Whether the part of each keypoint stays in its place: what moves slowly drifts away."""
-    low, high = np.full((len(parts), 2), np.inf), np.full((len(parts), 2), -np.inf)
-    np.minimum.at(low, parts, pixels)
-    np.maximum.at(high, parts, pixels)
-    return np.asarray((high - low).max(axis=1)[parts] <= 2 * _STILL_PX)
+    high, minus_low = (largest_of_each(parts, x, len(parts), least=-np.inf) for x in (pixels, -pixels))
+    return np.asarray((high + minus_low).max(axis=1)[parts] <= 2 * _STILL_PX)
 
 
 def _is_dropped(graph: MatchGraph, pair: Pair, still: Sequence[BoolArray]) -> BoolArray:
     known = still[pair.first][pair.matches[:, 0]] | still[pair.second][pair.matches[:, 1]]
     return np.asarray(known | _stands(graph, pair, _NEARLY_STILL_PX))
-
-
-def _without(
-    graph: MatchGraph,
-    pair: Pair,
-    still: Sequence[BoolArray],
-    intrinsics: Intrinsics,
-    settings: FrontEndSettings,
-) -> Pair:
-    """A pair without the matches of still features, verified anew."""
-    matches = pair.matches[~_is_dropped(graph, pair, still)]
-    geometry = two_view_geometry(
-        graph.features[pair.first].pixels[matches[:, 0]],
-        graph.features[pair.second].pixels[matches[:, 1]],
-        intrinsics[pair.first],
-        intrinsics[pair.second],
-        threshold_px=settings.threshold_px,
-        min_inliers=settings.min_inliers,
-        seed=settings.seed,
-    )
-    return replace(pair, matches=matches, geometry=geometry)
 
 
 def _moves_together(graph: MatchGraph, pairs: Sequence[Pair]) -> bool:
@@ -159,15 +138,14 @@ def _moves_together(graph: MatchGraph, pairs: Sequence[Pair]) -> bool:
     return bool(np.bincount(parts).max() > _MOST_OF_IMAGES * len(graph.photos))
 
 
-def _stands_where_others_move(graph: MatchGraph, pairs: Sequence[Pair], still: Sequence[BoolArray]) -> bool:
+def _stands_where_others_move(
+    graph: MatchGraph, pairs: Sequence[Pair], dropped: Mapping[int, BoolArray]
+) -> bool:
     """Whether what is left out stands still in pairs whose other matches agree."""
-    stands, dropped = 0, 0
-    for before, after in zip(graph.pairs, pairs, strict=True):
-        if after.geometry.kind != "none":
-            out = _is_dropped(graph, before, still)
-            dropped += np.count_nonzero(out)
-            stands += np.count_nonzero(out & _stands(graph, before, _NEARLY_STILL_PX))
-    return stands > _LEAST_STILL * dropped
+    agreeing = [k for k in dropped if pairs[k].geometry.kind != "none"]
+    stands = [dropped[k] & _stands(graph, graph.pairs[k], _NEARLY_STILL_PX) for k in agreeing]
+    total = sum(np.count_nonzero(dropped[k]) for k in agreeing)
+    return sum(map(np.count_nonzero, stands)) > _LEAST_STILL * total
 
 
 def _warning(still: Sequence[BoolArray]) -> str:
