@@ -72,20 +72,17 @@ def contradicting_pairs(graph: MatchGraph, world: Map, settings: IncrementalSett
         if inside[pair.first]
         and inside[pair.second]
         and pair.geometry.kind in ("general", "planar")
-        and np.count_nonzero(pair.geometry.inliers) >= _MANY
+        and pair.num_verified >= _MANY
     ]
     found = [
         pair
         for pair in looked_at
         if np.mean(epipolar_errors_px(graph, world, pair) <= settings.outlier_px) < _AGREE
     ]
-    if len(found) < _FEWEST_PAIRS and _num_matches(found) < _LEAST_PART * _num_matches(looked_at):
+    matches, all_matches = (sum(pair.num_verified for pair in pairs) for pairs in (found, looked_at))
+    if len(found) < _FEWEST_PAIRS and matches < _LEAST_PART * all_matches:
         return []
-    return sorted(found, key=lambda pair: -len(pair.verified))
-
-
-def _num_matches(pairs: Sequence[Pair]) -> int:
-    return sum(int(np.count_nonzero(pair.geometry.inliers)) for pair in pairs)
+    return sorted(found, key=lambda pair: -pair.num_verified)
 
 
 def epipolar_errors_px(graph: MatchGraph, world: Map, pair: Pair) -> FloatArray:
@@ -106,7 +103,7 @@ def contradiction_warning(graph: MatchGraph, pairs: list[Pair]) -> str:
     count = "2 images" if len(pairs) == 1 else f"{len(pairs)} pairs of images"
     return (
         f"{count} match well but contradict the model, first {names} "
-        f"({len(worst.verified)} matches): with repeated or symmetric structure, the model may be folded, "
+        f"({worst.num_verified} matches): with repeated or symmetric structure, the model may be folded, "
         "and with one focal length for photos of several, bent"
     )
 
@@ -221,7 +218,7 @@ def _best_matched_pairs(pairs: Sequence[Pair], num_images: int) -> list[Pair]:
     """Pairs with a geometry that are among those with most matches of one of their images."""
     taken = np.zeros(num_images, dtype=np.intp)
     chosen = []
-    for pair in sorted(pairs, key=lambda pair: -len(pair.verified)):
+    for pair in sorted(pairs, key=lambda pair: -pair.num_verified):
         ends = [pair.first, pair.second]
         if pair.geometry.kind != "none" and taken[ends].min() < _PARTNERS:
             taken[ends] += 1

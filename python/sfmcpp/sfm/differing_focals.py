@@ -19,9 +19,8 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.adjustment import ROUGH
 from sfmcpp.sfm.cameras import Cameras
-from sfmcpp.sfm.contradictions import contradicting_pairs
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
-from sfmcpp.sfm.match_graph import MatchGraph
+from sfmcpp.sfm.match_graph import Pair
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
 
@@ -36,16 +35,20 @@ _MOST_NAMED = 3
 
 
 def differing_focals(
-    graph: MatchGraph, models: Sequence[Map], cameras: Cameras, settings: IncrementalSettings, sharing: str
+    models: Sequence[Map],
+    contradicting: Sequence[list[Pair]],
+    cameras: Cameras,
+    settings: IncrementalSettings,
+    sharing: str,
 ) -> list[str]:
     """Warn of images that share a camera by default, but whose own focal lengths differ.
 
     Parameters
     ----------
-    graph : MatchGraph
-        Images, features and pairs.
     models : sequence of Map
         Finished models; they stay as they are.
+    contradicting : sequence of list of Pair
+        Pairs that contradict each model.
     cameras : Cameras
         What was known of the cameras at the start: guessed focal lengths are examined, and where pairs
         contradict the model, those that files tell.
@@ -61,8 +64,7 @@ def differing_focals(
     """
     if sharing != "auto":
         return []
-    for world in models:
-        pairs = contradicting_pairs(graph, world, settings)
+    for world, pairs in zip(models, contradicting, strict=True):
         torn = np.unique([(pair.first, pair.second) for pair in pairs]).astype(np.intp)
         free = ~cameras.fixed[:, _F] & (cameras.guessed | bool(len(torn)))
         if (found := _own_focals(world, free, settings)) is not None and (

@@ -89,7 +89,7 @@ class Growth:
         taken = self._elsewhere
         pairs = [p for p in self._scene.graph.pairs if not (taken[p.first] or taken[p.second])]
         pairs = [p for p in pairs if p.geometry.kind in ("general", "planar")]
-        pairs.sort(key=lambda p: -len(p.verified))
+        pairs.sort(key=lambda p: -p.num_verified)
         del pairs[_START_PAIRS:]
         poses: list[tuple[FloatArray, float]] = []
         angle_deg = self._settings.start_angle_deg
@@ -283,7 +283,8 @@ class Growth:
         though thousands tell how it turned.
         """
         world, graph = self.world, self._scene.graph
-        pairs = [p for p in graph.verified_pairs[image] if world.registered[[p.first, p.second]].all()]
+        inside = world.registered.tolist()
+        pairs = [p for p in graph.verified_pairs[image] if inside[p.first] and inside[p.second]]
         del pairs[_MOST_PAIRS:]
         errors = [epipolar_errors_px(graph, world, pair) for pair in pairs]
         agree = [np.count_nonzero(some <= _FAR * self._settings.outlier_px) for some in errors]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -41,6 +42,11 @@ class Pair:
         """(k, 2) the matches that agree with the geometry."""
         return self.matches[self.geometry.inliers]
 
+    @property
+    def num_verified(self) -> int:
+        """How many agree."""
+        return int(np.count_nonzero(self.geometry.inliers))
+
 
 @dataclass(frozen=True, eq=False)
 class MatchGraph:
@@ -77,10 +83,15 @@ class MatchGraph:
         """Of each image the pairs with a geometry, those with most verified matches first."""
         found: list[list[Pair]] = [[] for _ in self.photos]
         verified = [pair for pair in self.pairs if pair.geometry.kind != "none"]
-        for pair in sorted(verified, key=lambda pair: -int(np.count_nonzero(pair.geometry.inliers))):
+        for pair in sorted(verified, key=lambda pair: -pair.num_verified):
             found[pair.first].append(pair)
             found[pair.second].append(pair)
         return found
+
+    def largest_general(self, numbers: Sequence[int], most: int) -> list[Pair]:
+        """Those of some pairs that have a general geometry: so many at most, of most verified matches."""
+        general = [pair for pair in map(self.pairs.__getitem__, numbers) if pair.geometry.kind == "general"]
+        return sorted(general, key=lambda pair: -pair.num_verified)[:most]
 
     def pairs_by_camera(self, of_image: IndexArray) -> defaultdict[int, list[int]]:
         """Numbers of the pairs within each camera, by camera; `of_image` (I,) has that of each image."""

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from sfmcpp.sfm.cameras import USUAL_FOCAL, Cameras
 from sfmcpp.sfm.contradictions import (
-    contradicting_pairs,
     contradiction_warning,
     missing_matches_warning,
     pairs_with_missing_matches,
@@ -62,7 +61,7 @@ def _best_pairs(graph: MatchGraph) -> dict[int, Pair]:
     best: dict[int, Pair] = {}
     for pair in graph.pairs:
         for image in (pair.first, pair.second):
-            if image not in best or len(pair.verified) > len(best[image].verified):
+            if image not in best or pair.num_verified > best[image].num_verified:
                 best[image] = pair
     return best
 
@@ -81,7 +80,7 @@ def _reason_without_pose(graph: MatchGraph, grown: GrownModels, best: Pair | Non
         return f"it matches no other image: at most {len(best.matches)} matches, with {other}"
     if image in grown.reasons and grown.models:
         return grown.reasons[image]
-    found = f"at most {len(best.verified)} verified matches, with {other}"
+    found = f"at most {best.num_verified} verified matches, with {other}"
     return f"it is in no suitable initial pair: {found}; {best.geometry.message or 'too few points'}"
 
 
@@ -120,7 +119,12 @@ def warnings_of_copies(copies: Mapping[str, str], how: str) -> list[str]:
     return [f"{images}, {how}, and left out: {few}{more}"]
 
 
-def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSettings) -> list[str]:
+def warnings_of(
+    graph: MatchGraph,
+    grown: GrownModels,
+    contradicting: Sequence[list[Pair]],
+    settings: IncrementalSettings,
+) -> list[str]:
     """List warnings for the user.
 
     Parameters
@@ -129,6 +133,8 @@ def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSett
         Images, features and pairs.
     grown : GrownModels
         Models.
+    contradicting : sequence of list of Pair
+        Pairs that contradict each model.
     settings : IncrementalSettings
         What an outlier is.
 
@@ -151,9 +157,9 @@ def warnings_of(graph: MatchGraph, grown: GrownModels, settings: IncrementalSett
         if count < len(graph.photos):
             that = "usable " if graph.unreadable else ""
             warnings.append(f"the model is partial: it contains {count} of {len(graph.photos)} {that}images")
-    for world in grown.models:
-        if contradicting := contradicting_pairs(graph, world, settings):
-            warnings.append(contradiction_warning(graph, contradicting))
+    for world, denying in zip(grown.models, contradicting, strict=True):
+        if denying:
+            warnings.append(contradiction_warning(graph, denying))
         elif missing := pairs_with_missing_matches(graph, world, settings):
             warnings.append(missing_matches_warning(graph, missing))
     if len(grown.models) > 1:

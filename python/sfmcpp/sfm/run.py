@@ -33,6 +33,7 @@ from sfmcpp.sfm.cameras import (
     as_in_database,
     parse_camera_argument,
 )
+from sfmcpp.sfm.contradictions import contradicting_pairs
 from sfmcpp.sfm.differing_focals import differing_focals
 from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_positions
 from sfmcpp.sfm.front_end import FrontEndSettings, build_match_graph
@@ -41,7 +42,7 @@ from sfmcpp.sfm.imported_matches import match_graph_of_database
 from sfmcpp.sfm.imported_tracks import from_corner, graph_of_tracks, joined_tracks, photos_of
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.map_backup import undone_by_an_error
-from sfmcpp.sfm.match_graph import MatchGraph, Pair
+from sfmcpp.sfm.match_graph import MatchGraph
 from sfmcpp.sfm.outcome import (
     guessed_focal_lengths,
     image_outcomes,
@@ -310,19 +311,13 @@ def _with_guessed_focals(graph: MatchGraph, cameras: Cameras, run: _Run) -> Came
                 graph.features[p.first].pixels[p.verified[:, 0]] + to_centre,
                 graph.features[p.second].pixels[p.verified[:, 1]] + to_centre,
             )
-            for p in _largest_general(graph, by_camera[camera])
+            for p in graph.largest_general(by_camera[camera], MOST_PAIRS)
         ]
         (width, height), seed = size.tolist(), run.settings.seed
         found = focal_from_pairs(pairs, (width, height), seed=seed) if pairs else None
         if found is not None:
             intrinsics[camera, 0] = found
     return replace(cameras, intrinsics=intrinsics)
-
-
-def _largest_general(graph: MatchGraph, numbers: Sequence[int]) -> list[Pair]:
-    """Those that a focal length is sought with: the pixels of all would be as much memory as all matches."""
-    general = [pair for pair in map(graph.pairs.__getitem__, numbers) if pair.geometry.kind == "general"]
-    return sorted(general, key=lambda pair: -int(np.count_nonzero(pair.geometry.inliers)))[:MOST_PAIRS]
 
 
 def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -> None:
@@ -381,6 +376,8 @@ def _finished_run(
     for world in grown.models:
         world.update_errors()
         world.update_colors()
+    # Found once: each looks at all pairs.
+    contradicting = [contradicting_pairs(scene.graph, world, run.settings) for world in grown.models]
     name = str(source) if isinstance(source, (str, PathLike)) else "arrays"
     return SfmRun(
         name,
@@ -391,10 +388,10 @@ def _finished_run(
         seconds=run.seconds,
         warnings=[
             *run.warnings,
-            *warnings_of(scene.graph, grown, run.settings),
+            *warnings_of(scene.graph, grown, contradicting, run.settings),
             *guessed_focal_lengths(scene.cameras, grown),
             *camera_warnings(grown.models, scene.cameras),
-            *differing_focals(scene.graph, grown.models, scene.cameras, run.settings, run.sharing),
+            *differing_focals(grown.models, contradicting, scene.cameras, run.settings, run.sharing),
         ],
         interrupted=grown.interrupted,
     )

@@ -97,7 +97,7 @@ def _as_rotation(pair: Pair) -> Pair:
 
 def _rotations_of_pinhole(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
     least = _MOST * len(pairs)
-    planar = sorted((p for p in pairs if p.geometry.kind == "planar"), key=lambda p: -len(p.verified))
+    planar = sorted((p for p in pairs if p.geometry.kind == "planar"), key=lambda p: -p.num_verified)
     if not planar or len(planar) < least:
         return []
     focal_px = _focal_of_rotations([_matches_of(graph, pair) for pair in planar[:_PAIRS]], row)
@@ -111,7 +111,7 @@ def _rotations_of_lens(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray
     """The same for a lens that distorts; pairs count by matches, as those of few have them in corners."""
     if len(pairs) < _FEWEST:
         return []
-    matches = np.array([len(pair.verified) for pair in pairs])
+    matches = np.array([pair.num_verified for pair in pairs])
     lenses = lenses_of_rotations(graph, pairs, row)
     found = (_if_rotations(graph, pairs, lens, matches) for lens in lenses)
     return next((turned for turned in found if turned), [])

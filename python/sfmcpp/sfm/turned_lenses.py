@@ -49,7 +49,7 @@ def lenses_of_rotations(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArra
         The intrinsics with focal length and k1; then also with k2. Whether the pairs are rotations is for the
         caller to judge.
     """
-    most = sorted(pairs, key=lambda pair: -len(pair.verified))[:_PAIRS]
+    most = sorted(pairs, key=lambda pair: -pair.num_verified)[:_PAIRS]
     first, second = _some_matches(graph, most)
 
     def worse(unknowns: FloatArray) -> float:
@@ -88,7 +88,7 @@ def _some_matches(graph: MatchGraph, pairs: Sequence[Pair]) -> tuple[FloatArray,
     """(P, m, 2) pixels of as many verified matches of each pair, in both images."""
     both: tuple[list[FloatArray], list[FloatArray]] = ([], [])
     for pair in pairs:
-        spread = np.linspace(0, len(pair.verified) - 1, _MATCHES).astype(np.intp)
+        spread = np.linspace(0, pair.num_verified - 1, _MATCHES).astype(np.intp)
         for pixels, image, column in zip(
             both, (pair.first, pair.second), pair.verified[spread].T, strict=True
         ):

@@ -17,6 +17,7 @@ from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm import MatchGraph, reconstruct
 from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.cameras import Cameras, cameras_of
+from sfmcpp.sfm.contradictions import contradicting_pairs
 from sfmcpp.sfm.growth import Growth
 from sfmcpp.sfm.incremental import GrownModels, grow_models
 from sfmcpp.sfm.outcome import warnings_of
@@ -140,7 +141,9 @@ def test_sizes_of_many_models_are_told_by_the_largest_and_the_smallest() -> None
         worlds = [scene.new_map() for _ in counts]
         for world, count in zip(worlds, counts, strict=True):
             world.poses[:count] = np.eye(3, 4)
-        return warnings_of(graph, GrownModels(worlds), IncrementalSettings())[-1]
+        settings = IncrementalSettings()
+        contradicting = [contradicting_pairs(graph, world, settings) for world in worlds]
+        return warnings_of(graph, GrownModels(worlds), contradicting, settings)[-1]
 
     assert warning([4, 3, 2]) == "the images form 3 separate models of 4, 3, 2 images"
     assert warning([4, *[3] * 9, 2]) == "the images form 11 separate models of 2 to 4 images each"
