@@ -141,12 +141,15 @@ void SchurRows::add_row(const Row& row) const {
 void SchurRows::lift(const Row& row, double sign) const {
   const int size = normal_.map().camera_size;
   const double* of_row = grid_->of_camera(row.camera);
-  double* blocks = row.blocks;
-  for (int k = 0; k < num_blocks_behind(row.camera); ++k, blocks += area()) {
+  double* at = row.blocks;
+  for (int k = 0; k < num_blocks_behind(row.camera); ++k) {
     const double* of_column = grid_->of_camera(pattern_.columns_behind(row.camera)[k]);
-    for (int r = 0; r < size; ++r) {
-      for (int c = 0; c < size; ++c)
-        blocks[panel_index(size, r, c)] += sign * 1.5 * of_row[r] * of_column[c];
+    for (int first = 0, width = 0; first < size; first += width) {
+      width = panel_width(size - first);
+      for (int c = 0; c < size; ++c) {
+        const double middle = sign * 1.5 * of_column[c];
+        for (int r = first; r < first + width; ++r) *at++ += middle * of_row[r];
+      }
     }
   }
 }
