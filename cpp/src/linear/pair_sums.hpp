@@ -19,27 +19,26 @@ using Eight = Pack<8>;
 
 template <int kLane>
 inline Eight broadcast(Eight x) {
-  return Eight(shuffled<kLane, kLane, kLane, kLane, kLane, kLane, kLane, kLane>(x.v, x.v));
+  return permuted<kLane, kLane, kLane, kLane, kLane, kLane, kLane, kLane>(x);
 }
 
 // Column k of A, its first number and its second number twice in either half.
 template <int k>
 inline Eight column_of(Eight record) {
-  return Eight(shuffled<k, k, 4 + k, 4 + k, k, k, 4 + k, 4 + k>(record.v, record.v));
+  return permuted<k, k, 4 + k, 4 + k, k, k, 4 + k, 4 + k>(record);
 }
 
 // −t of an observation (unwhiten), as `coefficients` reads it: column after column.
 inline void store_columns(const double* t, double* out) {
-  const Eight columns(Eight::Vector{-t[0], -t[3], -t[1], -t[4], -t[2], -t[5], 0.0, 0.0});
-  store(out, columns);
+  const double columns[8] = {-t[0], -t[3], -t[1], -t[4], -t[2], -t[5], 0.0, 0.0};
+  __builtin_memcpy(out, columns, sizeof columns);
 }
 
 // Column k of −t four times.
 template <int k>
 inline Eight repeated_column(Eight columns) {
   constexpr int kFirst = 2 * k, kSecond = 2 * k + 1;
-  return Eight(shuffled<kFirst, kSecond, kFirst, kSecond, kFirst, kSecond, kFirst, kSecond>(
-      columns.v, columns.v));
+  return permuted<kFirst, kSecond, kFirst, kSecond, kFirst, kSecond, kFirst, kSecond>(columns);
 }
 
 // Lane 2 s + r: −t_r · A_s, with row r of the first observation and row s of the second.

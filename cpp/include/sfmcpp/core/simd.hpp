@@ -34,6 +34,16 @@ struct VectorOf<8> {
   typedef double Type __attribute__((vector_size(64)));
 };
 
+// The lanes of a vector register, for the instruction set that this file is compiled for.
+#if defined(__AVX512F__)
+inline constexpr int kRegisterLanes = 8;
+#elif defined(__AVX__)
+inline constexpr int kRegisterLanes = 4;
+#else
+inline constexpr int kRegisterLanes = 2;
+#endif
+
+// Of one register.
 template <int W>
 struct Pack {
   using Vector = typename VectorOf<W>::Type;
@@ -70,10 +80,52 @@ struct Pack {
   }
 };
 
+// Of several registers. GCC moves the parts of a vector that is wider than a register through
+// memory and general registers (conjugate gradients took twice as long with AVX2).
+template <int W>
+requires(W > kRegisterLanes) struct Pack<W> {
+  static constexpr int kLanes = W;
+  using Half = Pack<W / 2>;
+  Half low, high;
+
+  Pack() = default;
+  SFMCPP_INLINE Pack(double s) : low(s), high(s) {}  // NOLINT
+  SFMCPP_INLINE Pack(Half first, Half second) : low(first), high(second) {}
+
+  SFMCPP_INLINE friend Pack operator+(Pack a, Pack b) { return {a.low + b.low, a.high + b.high}; }
+  SFMCPP_INLINE friend Pack operator-(Pack a, Pack b) { return {a.low - b.low, a.high - b.high}; }
+  SFMCPP_INLINE friend Pack operator*(Pack a, Pack b) { return {a.low * b.low, a.high * b.high}; }
+  SFMCPP_INLINE friend Pack operator/(Pack a, Pack b) { return {a.low / b.low, a.high / b.high}; }
+  SFMCPP_INLINE friend Pack operator-(Pack a) { return {-a.low, -a.high}; }
+  SFMCPP_INLINE Pack& operator+=(Pack b) {
+    low += b.low;
+    high += b.high;
+    return *this;
+  }
+
+  SFMCPP_INLINE Pack& operator-=(Pack b) {
+    low -= b.low;
+    high -= b.high;
+    return *this;
+  }
+
+  SFMCPP_INLINE double operator[](int lane) const {
+    return lane < W / 2 ? low[lane] : high[lane - W / 2];
+  }
+};
+
+template <int W>
+inline constexpr bool kHasHalves = W > kRegisterLanes;
+
 // a < b ? yes : no in each lane; no where either is not a number.
 template <int W>
 SFMCPP_INLINE Pack<W> select_less(Pack<W> a, Pack<W> b, Pack<W> yes, Pack<W> no) {
-  return Pack<W>(a.v < b.v ? yes.v : no.v);
+  if constexpr (kHasHalves<W>) {
+    return {select_less(a.low, b.low, yes.low, no.low),
+            select_less(a.high, b.high, yes.high, no.high)};
+  } else {
+    return Pack<W>(a.v < b.v ? yes.v : no.v);
+  }
 }
 SFMCPP_INLINE double select_less(double a, double b, double yes, double no) {
   return a < b ? yes : no;
@@ -81,7 +133,9 @@ SFMCPP_INLINE double select_less(double a, double b, double yes, double no) {
 
 template <int W>
 SFMCPP_INLINE Pack<W> square_root(Pack<W> a) {
-  if constexpr (W == 1) {
+  if constexpr (kHasHalves<W>) {
+    return {square_root(a.low), square_root(a.high)};
+  } else if constexpr (W == 1) {
     return Pack<W>(__builtin_sqrt(a.v));
   } else {
     for (int lane = 0; lane < W; ++lane) a.v[lane] = __builtin_sqrt(a.v[lane]);
@@ -90,23 +144,17 @@ SFMCPP_INLINE Pack<W> square_root(Pack<W> a) {
 }
 SFMCPP_INLINE double square_root(double a) { return __builtin_sqrt(a); }
 
-template <int W>
-SFMCPP_INLINE Pack<W> load(const double* p) {
-  Pack<W> r;
-  __builtin_memcpy(&r.v, p, sizeof(r.v));
-  return r;
-}
-
-template <int W>
-SFMCPP_INLINE void store(double* p, Pack<W> a) {
-  __builtin_memcpy(p, &a.v, sizeof(a.v));
-}
-
-// The same in memory in single precision.
-template <int W>
-SFMCPP_INLINE Pack<W> load(const float* p) {
-  if constexpr (W == 1) {
+// Of numbers in double or single precision.
+template <int W, class T>
+SFMCPP_INLINE Pack<W> load(const T* p) {
+  if constexpr (kHasHalves<W>) {
+    return {load<W / 2>(p), load<W / 2>(p + W / 2)};
+  } else if constexpr (W == 1) {
     return Pack<W>(static_cast<double>(*p));
+  } else if constexpr (sizeof(T) == sizeof(double)) {
+    Pack<W> r;
+    __builtin_memcpy(&r.v, p, sizeof(r.v));
+    return r;
   } else {
     typename VectorOf<W>::Single narrow;
     __builtin_memcpy(&narrow, p, sizeof(narrow));
@@ -114,10 +162,15 @@ SFMCPP_INLINE Pack<W> load(const float* p) {
   }
 }
 
-template <int W>
-SFMCPP_INLINE void store(float* p, Pack<W> a) {
-  if constexpr (W == 1) {
-    *p = static_cast<float>(a.v);
+template <int W, class T>
+SFMCPP_INLINE void store(T* p, Pack<W> a) {
+  if constexpr (kHasHalves<W>) {
+    store(p, a.low);
+    store(p + W / 2, a.high);
+  } else if constexpr (W == 1) {
+    *p = static_cast<T>(a.v);
+  } else if constexpr (sizeof(T) == sizeof(double)) {
+    __builtin_memcpy(p, &a.v, sizeof(a.v));
   } else {
     const auto narrow = __builtin_convertvector(a.v, typename VectorOf<W>::Single);
     __builtin_memcpy(p, &narrow, sizeof(narrow));
@@ -129,6 +182,8 @@ template <int W>
 SFMCPP_INLINE double sum_of_lanes(Pack<W> a) {
   if constexpr (W == 1) {
     return a.v;
+  } else if constexpr (kHasHalves<W>) {
+    return sum_of_lanes(a.low + a.high);
   } else {
     Pack<W / 2> low, high;
     __builtin_memcpy(&low.v, &a.v, sizeof(low.v));
@@ -148,13 +203,38 @@ SFMCPP_INLINE Vector shuffled(Vector a, Vector b) {
 #endif
 }
 
-// Exchanges the upper half of `a` with the lower half of `b`, in each group of 2 kStride lanes.
+// The lanes of a in the order given.
+template <int... kLane, int W>
+SFMCPP_INLINE Pack<W> permuted(Pack<W> a) {
+  if constexpr (kHasHalves<W>) {
+    double numbers[W];
+    store(numbers, a);
+    const double in_order[W] = {numbers[kLane]...};
+    return load<W>(in_order);
+  } else {
+    return Pack<W>(shuffled<kLane...>(a.v, a.v));
+  }
+}
+
 template <int kStride, int W, int... kLane>
-SFMCPP_INLINE void exchange_halves(Pack<W>& a, Pack<W>& b, std::integer_sequence<int, kLane...>) {
+SFMCPP_INLINE void exchange_lanes(Pack<W>& a, Pack<W>& b, std::integer_sequence<int, kLane...>) {
   const Pack<W> low(shuffled<((kLane & kStride) != 0 ? W + kLane - kStride : kLane)...>(a.v, b.v));
   const Pack<W> high(shuffled<((kLane & kStride) != 0 ? W + kLane : kLane + kStride)...>(a.v, b.v));
   a = low;
   b = high;
+}
+
+// Exchanges the upper half of `a` with the lower half of `b`, in each group of 2 kStride lanes.
+template <int kStride, int W>
+SFMCPP_INLINE void exchange_halves(Pack<W>& a, Pack<W>& b) {
+  if constexpr (!kHasHalves<W>) {
+    exchange_lanes<kStride>(a, b, std::make_integer_sequence<int, W>());
+  } else if constexpr (kStride == W / 2) {
+    std::swap(a.high, b.low);
+  } else {
+    exchange_halves<kStride>(a.low, b.low);
+    exchange_halves<kStride>(a.high, b.high);
+  }
 }
 
 // Exchanges the off-diagonal halves of every pair of rows that are kStride apart (Eklundh's
@@ -163,7 +243,7 @@ template <int W, int kStride>
 SFMCPP_INLINE void exchange(Pack<W>* rows) {
   for (int i = 0; i < W; ++i) {
     if ((i & kStride) != 0) continue;
-    exchange_halves<kStride>(rows[i], rows[i + kStride], std::make_integer_sequence<int, W>());
+    exchange_halves<kStride>(rows[i], rows[i + kStride]);
   }
   if constexpr (kStride > 1) exchange<W, kStride / 2>(rows);
 }
@@ -177,9 +257,13 @@ SFMCPP_INLINE void transpose(Pack<W>* rows) {
 // base[stride · index[lane]] in each lane.
 template <int W>
 SFMCPP_INLINE Pack<W> gather(const double* base, const int* index, int stride) {
-  Pack<W> r;
-  for (int lane = 0; lane < W; ++lane) r.v[lane] = base[static_cast<long>(stride) * index[lane]];
-  return r;
+  if constexpr (kHasHalves<W>) {
+    return {gather<W / 2>(base, index, stride), gather<W / 2>(base, index + W / 2, stride)};
+  } else {
+    Pack<W> r;
+    for (int lane = 0; lane < W; ++lane) r.v[lane] = base[static_cast<long>(stride) * index[lane]];
+    return r;
+  }
 }
 
 }  // namespace sfmcpp
