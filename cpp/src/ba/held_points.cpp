@@ -150,7 +150,8 @@ void HeldPoints::find_suspects(const State& start, const State& candidate) {
   }
 }
 
-// Several chunks may suspect a point at once.
+// Several chunks may suspect a point at once. The builtin: Clang's library has no std::atomic_ref
+// before version 19.
 void HeldPoints::suspect(const State& start, const State& candidate, int c, double least) {
   const Chunk& chunk = images_.graph().chunks[c];
   std::array<double, linear::kChunkSize> before, after;
@@ -159,8 +160,7 @@ void HeldPoints::suspect(const State& start, const State& candidate, int c, doub
   for (int k = 0; k < chunk.end - chunk.begin; ++k) {
     const double growth = growth_from(before[k], after[k]);
     if (growth > 0.0 && growth >= least)
-      std::atomic_ref(suspected_[images_.graph().point[chunk.begin + k]])
-          .store(1, std::memory_order_relaxed);
+      __atomic_store_n(&suspected_[images_.graph().point[chunk.begin + k]], 1, __ATOMIC_RELAXED);
   }
 }
 

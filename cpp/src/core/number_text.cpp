@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <limits>
 #include <locale>
@@ -90,11 +91,27 @@ double out_of_range(const char* begin, const char* end) {
   return stream ? value : std::numeric_limits<double>::infinity();
 }
 
+#ifdef __cpp_lib_to_chars
+using std::from_chars;
+#else
+// Clang's library reads no floating-point numbers before version 20. Nothing hexadecimal, as above.
+std::from_chars_result from_chars(const char* begin, const char* end, double& value) {
+  static const locale_t kClassic = newlocale(LC_ALL_MASK, "C", nullptr);
+  const auto is_end = [](char c) { return is_blank(c) || c == 'x' || c == 'X'; };
+  const std::string word(begin, std::find_if(begin, end, is_end));
+  char* next = nullptr;
+  value = strtod_l(word.c_str(), &next, kClassic);
+  const bool is_none = next == word.c_str() || word[0] == '+';
+  return {is_none ? begin : begin + (next - word.c_str()),
+          is_none ? std::errc::invalid_argument : std::errc()};
+}
+#endif
+
 // The number whose text starts at `begin`; returns where its text ends, or `begin` if there is
 // none.
 inline const char* read_number(const char* begin, const char* end, double& value) {
   const bool plus = *begin == '+' && end - begin > 1 && begin[1] != '-';
-  const auto [next, error] = std::from_chars(begin + (plus ? 1 : 0), end, value);
+  const auto [next, error] = from_chars(begin + (plus ? 1 : 0), end, value);
   if (error == std::errc::result_out_of_range) value = out_of_range(begin, next);
   return error == std::errc::invalid_argument ? begin : next;
 }

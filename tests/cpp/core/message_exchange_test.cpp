@@ -74,7 +74,7 @@ class ThreadedTransport final : public Transport {
 
 void on_ranks(int num_ranks, const std::function<void(MessageExchange&)>& f) {
   Table table(num_ranks);
-  std::vector<std::jthread> threads;
+  std::vector<std::thread> threads;
   for (int rank = 0; rank < num_ranks; ++rank) {
     threads.emplace_back([&, rank] {
       ThreadedTransport transport(table, rank);
@@ -82,6 +82,7 @@ void on_ranks(int num_ranks, const std::function<void(MessageExchange&)>& f) {
       f(exchange);
     });
   }
+  for (std::thread& thread : threads) thread.join();
 }
 
 // Of many orders of magnitude: another order of the sum has other bits.
