@@ -138,7 +138,8 @@ Right = Annotated[
 Baseline = Annotated[
     float | None,
     typer.Option(
-        metavar="METRES", help="How far the right camera of a rectified pair is beside the left one."
+        metavar="METRES",
+        help="How far the right camera of a rectified pair is beside the left one; positive.",
     ),
 ]
 Sensors = Annotated[
@@ -268,13 +269,8 @@ def slam(
     }
     images = {"camera": _camera(camera), "fps": fps, "corners": corners, "mask": mask}
     pair = {"stereo": stereo, "right": right, "baseline_m": baseline}
-    opening = {
-        "sensor_file": sensor_file,
-        "sensor_columns": _sensor_columns(sensor_column or []),
-        "mounting": mounting,
-        "clock_offset_s": clock_offset,
-        **images,
-        **pair,
-    }
+    columns = _sensor_columns(sensor_column or [])
+    sensors = {"sensor_file": sensor_file, "sensor_columns": columns, "mounting": mounting}
+    opening = {**images, **pair, **sensors, "clock_offset_s": clock_offset}
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     return run_slam_files(source, output, settings, opening, kept, view=view, quiet=quiet)

@@ -93,14 +93,19 @@ def with_right_views(world: WorldMap, local: LocalProblem) -> StereoProblem:
 
 
 def metres_per_unit(world: WorldMap) -> float | None:
-    """Length of the unit of a map in metres, by the right images; None where they determine too little.
+    """Length of the unit of a map in metres: 1 where it is in metres, else by the right images."""
+    return 1.0 if world.metric else metres_by_right_images(world)
+
+
+def metres_by_right_images(world: WorldMap) -> float | None:
+    """Length of the unit of a map in metres by its right images; None where they determine too little.
 
     Each point of the map gives one, by its depth in metres: of a right camera at (b, 0, 0) that is b over the
     normalised disparity. The median of the nearer half is taken, nearer in the map: a choice by disparity
     would be biased by its noise.
     """
-    if world.right_centre_m is None or world.metric:
-        return 1.0 if world.metric else None
+    if world.right_centre_m is None:
+        return None
     points = world.keypoint_points
     rows = np.flatnonzero((points >= 0) & np.isfinite(world.right_px[:, 0]))
     rows = rows[world.known[points[rows]]]

@@ -35,6 +35,8 @@ _MOST_CONTRADICT, _FEWEST = 0.5, 20
 _SURELY_SWAPPED = 3
 # Where right images show fewer of the corners, they hardly show the same.
 _FEW_SHARE = 0.1
+# Images that a warning names at most.
+_NAMED = 3
 # Images taken at times that differ by more are no pair [s]: a car that turns turns by a pixel.
 _SAME_TIME_S = 1e-3
 
@@ -186,7 +188,8 @@ class RightImages:
             frames = "1 frame is" if len(alone) == 1 else f"{len(alone)} frames are"
             yield f"{frames} without a right image, the first {self._name_of_left(alone[0])}"
         if lost := self.images.unreadable:
-            yield "right images cannot be read: " + "; ".join(": ".join(pair) for pair in lost.items())
+            named = [f"{name}: {reason}" for name, reason in list(lost.items())[:_NAMED]]
+            yield f"right images cannot be read: {', '.join(named)}{', …' * (len(lost) > _NAMED)}"
         if tally.frames and tally.found < _FEW_SHARE * tally.corners:
             share = f"{tally.found / tally.corners:.1%}"
             yield f"right images show only {share} of the corners of left ones: they may be of another scene"

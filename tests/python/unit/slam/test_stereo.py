@@ -10,10 +10,14 @@ import pytest
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import SensorStream
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.slam import SlamResult, SlamSettings, TrackSequence, WorldMap, run_slam
+from sfmcpp.slam.baseline_check import warn_of_baseline
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.mapping import adjust
+from sfmcpp.slam.motion_sensors import Gps, Odometer
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.stereo import metres_per_unit, with_right_views
 from sfmcpp.sources.drives import open_drive
 from sfmcpp.study.evaluation import evaluate
@@ -106,6 +110,24 @@ def test_the_metre_survives_the_final_adjustment() -> None:
     assert result.final.kept
     assert result.final.sensors == {}
     assert np.abs(scales(result) - 1).max() < 0.02
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.0, []), (0.9, ["odometer: its metres are 0.9"])])
+def test_an_odometer_of_other_metres_than_the_right_images_is_named(factor: float, told: list[str]) -> None:
+    steps = np.linalg.norm(np.diff(POSES[:, :, 3], axis=0, prepend=POSES[:1, :, 3]), axis=1)
+    way = SensorStream(STEP_S * np.arange(NUM_FRAMES), factor * np.cumsum(steps), "distance", "odometer")
+    found = run_slam(sequence(), sensors=[Odometer(way, "odometer")]).warnings
+    named = [warning for warning in found if "of those of the right images: the baseline of 0.5 m" in warning]
+    assert len(named) == len(told)
+    assert all(warning.startswith(start) for warning, start in zip(named, told, strict=True))
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.1])
+def test_positions_of_other_metres_than_the_right_images_are_named(factor: float) -> None:
+    places = SensorStream(STEP_S * np.arange(NUM_FRAMES), factor * POSES[:, :, 3], "position", "gps")
+    world = run_slam(sequence()).world
+    named = warn_of_baseline(world, SensorSuite([Gps(places, None, "gps")]))
+    assert [warning.split(" of those")[0] for warning in named] == ["gps: its metres are 1.1"] * (factor > 1)
 
 
 # A right camera that is also higher and behind.
