@@ -29,7 +29,8 @@ from sfmcpp.sources.vision.klt import find_corners
 # Farthest from its epipolar line, and behind infinity by its disparity, that a corner may be found [px]. Of
 # rendered pairs 98 % are within 0.5 px; calibrations are off by some tenths.
 _OFF_LINE_PX, _BEHIND_PX = 1.5, 1.0
-# An image pair of which that share of the corners fits no such pair is left out, if it has so many.
+# An image pair is left out if that share of its corners fits no such pair, of so many or more; and all are
+# where that share of those so far is: one that fits does so by chance, or as the camera stands.
 _MOST_CONTRADICT, _FEWEST = 0.5, 20
 # So many pairs from the first on that see nearly all behind the cameras are swapped.
 _SURELY_SWAPPED = 3
@@ -51,6 +52,11 @@ class _Tally:
     alone: list[int] = field(default_factory=list)
     off_line_px: list[float] = field(default_factory=list)
     behind: int = 0
+
+    @property
+    def are_no_pairs(self) -> bool:
+        """Whether most of the image pairs are none."""
+        return len(self.off_line_px) + self.behind > _MOST_CONTRADICT * self.frames
 
 
 class RightImages:
@@ -144,13 +150,13 @@ class RightImages:
         return np.where(np.isfinite(guesses), guesses, view.pixels)
 
     def _is_pair(self, good: BoolArray, on_line: BoolArray, fits: BoolArray, off_px: FloatArray) -> bool:
-        """Whether most of what is found fits the pair; counted."""
+        """Whether most of what is found fits the pair, and so it was in most pairs before; counted."""
         tally = self._tally
         tally.frames += 1
         found, agreeing = np.count_nonzero(good), np.count_nonzero(fits)
         tally.corners, tally.found = tally.corners + len(good), tally.found + found
         if found < _FEWEST or agreeing > _MOST_CONTRADICT * found:
-            return True
+            return not tally.are_no_pairs
         if np.count_nonzero(on_line) <= _MOST_CONTRADICT * found:
             tally.off_line_px.append(float(np.median(off_px[good])))
         else:
@@ -172,7 +178,7 @@ class RightImages:
 
     def _doubts(self) -> Iterator[str]:
         tally = self._tally
-        left_out = "right images are left out there"
+        left_out = f"right images are left out{'' if tally.are_no_pairs else ' there'}"
         if off_px := tally.off_line_px:
             yield (
                 f"in {len(off_px)} of {tally.frames} pairs of images most of what both show is off its "
