@@ -109,9 +109,8 @@ class RightImages:
             self._tally.alone.append(number)
             return view
         pixels = self._seen(image, other, view)
-        return (
-            view if pixels is None else View(view.tracks, view.pixels, RightView(pixels, self.pair.centre_m))
-        )
+        right = None if pixels is None else RightView(pixels, self.pair.centre_m)
+        return View(view.tracks, view.pixels, right)
 
     def _partner_of(self, number: int) -> GreyImage | None:
         """The right image of a left one; None if there is none, or it cannot be read."""
