@@ -10,7 +10,7 @@ import numpy as np
 from experiments.altered_drives import ALTERED, STREAMS, rows_of
 from experiments.real_problems import data_folder
 from sfmcpp.model import SensorStream, Trajectory
-from sfmcpp.sources.frames import open_images
+from sfmcpp.sources.image_stream import open_images
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 
 

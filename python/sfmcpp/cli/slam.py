@@ -124,7 +124,23 @@ Mask = Annotated[
 ]
 Stereo = Annotated[
     bool,
-    typer.Option("--stereo", help="Also use the right images of a KITTI drive; gives metric scale."),
+    typer.Option(
+        "--stereo",
+        help="Also use right images, which give metric scale: of a KITTI drive, or those in the folder "
+        "beside (cam1, image_1, image_3, image_r, right). Where the right camera is tell EuRoC's "
+        "sensor.yaml, P0 and P1 of calib.txt, Kalibr's camera chain, or --baseline.",
+    ),
+]
+Right = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Right images, if they are elsewhere; a folder or a video."),
+]
+Baseline = Annotated[
+    float | None,
+    typer.Option(
+        metavar="METRES",
+        help="How far the right camera of a rectified pair is beside the left one; positive.",
+    ),
 ]
 Sensors = Annotated[
     list[str] | None,
@@ -217,6 +233,8 @@ def slam(
     corners: Corners = CORNERS[0],
     mask: Mask = None,
     stereo: Stereo = False,
+    right: Right = None,
+    baseline: Baseline = None,
     window: Annotated[
         int, typer.Option(metavar="N", help="Keyframes moved by the local adjustment, at least 2.")
     ] = 8,
@@ -249,13 +267,10 @@ def slam(
         "final_adjustment": final_adjustment,
         "seed": seed,
     }
-    images = {"camera": _camera(camera), "fps": fps, "corners": corners, "mask": mask, "stereo": stereo}
-    opening = {
-        "sensor_file": sensor_file,
-        "sensor_columns": _sensor_columns(sensor_column or []),
-        "mounting": mounting,
-        "clock_offset_s": clock_offset,
-        **images,
-    }
+    images = {"camera": _camera(camera), "fps": fps, "corners": corners, "mask": mask}
+    pair = {"stereo": stereo, "right": right, "baseline_m": baseline}
+    columns = _sensor_columns(sensor_column or [])
+    sensors = {"sensor_file": sensor_file, "sensor_columns": columns, "mounting": mounting}
+    opening = {**images, **pair, **sensors, "clock_offset_s": clock_offset}
     kept = Checkpoints(checkpoint, checkpoint_every, resume)
     return run_slam_files(source, output, settings, opening, kept, view=view, quiet=quiet)

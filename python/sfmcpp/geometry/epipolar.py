@@ -206,6 +206,28 @@ def midpoints(
     return np.asarray(ends / 2)
 
 
+def inverse_depths(left: FloatArray, right: FloatArray, centre: FloatArray) -> FloatArray:
+    """Inverse depths of points in the first of two cameras with common axes.
+
+    Of a second camera at (b, 0, 0) that is the disparity over b; off the epipolar line does not count.
+
+    Parameters
+    ----------
+    left, right : (..., 2) float64
+        Image points at depth one.
+    centre : (3,) float64
+        Where the second camera is, in the axes of both.
+
+    Returns
+    -------
+    (...) float64
+        Negative behind the cameras, zero far away.
+    """
+    # A point at depth 1/w moves from `left` by −w times this.
+    motion = centre[:2] - centre[2] * right
+    return np.asarray(((left - right) * motion).sum(axis=-1) / (motion**2).sum(axis=-1))
+
+
 def dot(one: FloatArray, other: FloatArray) -> FloatArray:
     """Scalar products (...) of vectors (..., 3)."""
     return np.asarray(np.einsum("...i,...i->...", one, other))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,18 +17,28 @@ from sfmcpp.model.checks import require_positive
 class RightView:
     """Observations of the left camera's tracks by the right camera of a pair.
 
-    The pair is rectified: both have the same intrinsics and axes, and the right one is aside along x.
+    Both have the same intrinsics and axes, as those of a rectified pair.
 
     Attributes
     ----------
     pixels : (n, 2) float64
         Where it sees each track [px]; not a number where it does not.
-    baseline_m : float
-        How far its centre is from that of the left one [m].
+    baseline_m : float or (3,) float64
+        How far its centre is from that of the left one, along x; or where it is in the axes of both [m].
     """
 
     pixels: FloatArray
-    baseline_m: float
+    baseline_m: float | FloatArray
+
+    if TYPE_CHECKING:  # what is given need not be what is held
+
+        def __init__(self, pixels: ArrayLike, baseline_m: float | ArrayLike) -> None: ...
+
+    @property
+    def centre_m(self) -> FloatArray:
+        """(3,) centre of the right camera in the left one's axes [m]."""
+        along = np.shape(self.baseline_m) == ()
+        return np.array([self.baseline_m, 0.0, 0.0] if along else self.baseline_m, dtype=np.float64)
 
     def only(self, rows: slice | NDArray[np.bool_] | NDArray[np.intp]) -> RightView:
         """The observations of some of the tracks."""
@@ -104,7 +114,7 @@ def checked_view(view: View) -> View:
     ------
     InvalidArgument
         If a shape is wrong, a track is no integer, negative or there twice, a pixel is not finite, or the
-        baseline is not positive.
+        baseline is not positive, or zero where it is a vector.
     """
     tracks = number_array("view.tracks", view.tracks)
     if tracks.ndim != 1:
@@ -116,7 +126,7 @@ def checked_view(view: View) -> View:
     pixels, right = finite_array("view.pixels", view.pixels, (len(tracks), 2)), view.right
     if right is not None:
         right = RightView(shaped_array("view.right.pixels", right.pixels, (len(tracks), 2)), right.baseline_m)
-        require_positive("view.right.baseline_m", right.baseline_m)
+        require_baseline("view.right.baseline_m", right.baseline_m)
     order = np.argsort(tracks, kind="stable")
     tracks = tracks[order]
     if len(tracks) and tracks[0] < 0:
@@ -125,6 +135,14 @@ def checked_view(view: View) -> View:
     if len(twice):
         raise InvalidArgument(f"view.tracks: track {tracks[twice[0]]} is there twice, must be once")
     return View(tracks, pixels[order], right and right.only(order))
+
+
+def require_baseline(name: str, value: float | ArrayLike) -> None:
+    """Raise InvalidArgument unless `value` is a positive length, or a vector (3,) that is not zero [m]."""
+    if np.shape(value) == ():
+        require_positive(name, cast("float", value))
+    elif not finite_array(name, value, (3,)).any():
+        raise InvalidArgument(f"{name} = 0, 0, 0: the cameras of a pair must not be in one place")
 
 
 def common(a: View, b: View) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -220,6 +220,7 @@ def _doubts_of_frames(frames: FrameSource, sensors: Sequence[MotionSensor]) -> I
         # Metres a second at the wrong seconds are as many wrong metres.
         yield f"{frames.assumption}; where that is wrong, so are the scale and the clocks of the sensors"
     yield from (doubt for doubt in (frames.doubt, frames.camera_doubt) if doubt is not None)
+    yield from frames.right_doubts
 
 
 def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:

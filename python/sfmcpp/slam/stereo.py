@@ -1,4 +1,4 @@
-"""Right images of a rectified pair: additional views, tied to their left cameras by the baseline."""
+"""Right images of a pair with common axes: additional views, tied to their left cameras by the baseline."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sfmcpp.geometry.epipolar import inverse_depths
 from sfmcpp.geometry.pinhole import to_normalised
 from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup, Problem
@@ -65,13 +66,12 @@ def with_right_views(world: WorldMap, local: LocalProblem) -> StereoProblem:
     """Add the right images of a part of a map; none before the map is in metres."""
     left = local.problem
     seen = np.isfinite(world.right_px[local.rows, 0])
-    if world.baseline_m is None or not world.stereo or not seen.any():
+    if world.right_centre_m is None or not world.stereo or not seen.any():
         return StereoProblem(world, local, left)
     pairs, camera_index = np.unique(left.camera_index[seen], return_inverse=True)
-    beside = np.eye(3, 4)
-    beside[0, 3] = world.baseline_m
+    beside = np.column_stack([np.eye(3), world.right_centre_m])
     right = left.cameras[pairs]
-    right[:, :, 3] += right[:, :, 0] * world.baseline_m
+    right[:, :, 3] += right[:, :, :3] @ world.right_centre_m
     rows = local.rows[seen]
     problem = Problem(
         left.camera_model,
@@ -93,13 +93,19 @@ def with_right_views(world: WorldMap, local: LocalProblem) -> StereoProblem:
 
 
 def metres_per_unit(world: WorldMap) -> float | None:
-    """Length of the unit of a map in metres, by the right images; None where they determine too little.
+    """Length of the unit of a map in metres: 1 where it is in metres, else by the right images."""
+    return 1.0 if world.metric else metres_by_right_images(world)
 
-    Each point of the map gives one, as baseline over normalised disparity is its depth in metres. The median
-    of the nearer half is taken, nearer in the map: a choice by disparity would be biased by its noise.
+
+def metres_by_right_images(world: WorldMap) -> float | None:
+    """Length of the unit of a map in metres by its right images; None where they determine too little.
+
+    Each point of the map gives one, by its depth in metres: of a right camera at (b, 0, 0) that is b over the
+    normalised disparity. The median of the nearer half is taken, nearer in the map: a choice by disparity
+    would be biased by its noise.
     """
-    if world.baseline_m is None or world.metric:
-        return 1.0 if world.metric else None
+    if world.right_centre_m is None:
+        return None
     points = world.keypoint_points
     rows = np.flatnonzero((points >= 0) & np.isfinite(world.right_px[:, 0]))
     rows = rows[world.known[points[rows]]]
@@ -108,7 +114,7 @@ def metres_per_unit(world: WorldMap) -> float | None:
     poses = world.poses[world.keypoint_images[rows]]
     depth = np.einsum("ni,ni->n", world.points[points[rows]] - poses[:, :, 3], poses[:, :, 2])
     intrinsics = world.intrinsics[0]
-    x_left, x_right = (to_normalised(px[rows], intrinsics)[:, 0] for px in (world.keypoints, world.right_px))
+    left, right = (to_normalised(px[rows], intrinsics) for px in (world.keypoints, world.right_px))
     near = depth <= np.median(depth)
-    inverse = float(np.median(((x_left - x_right) * depth)[near])) / world.baseline_m
+    inverse = float(np.median((inverse_depths(left, right, world.right_centre_m) * depth)[near]))
     return 1 / inverse if inverse > 0 else None

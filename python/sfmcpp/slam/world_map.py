@@ -84,8 +84,8 @@ class WorldMap(Map):
     ----------
     metric : bool
         Whether its unit is the metre.
-    baseline_m : float or None
-        How far the right camera is beside the left one [m]; None where there is none.
+    right_centre_m : (3,) float64 or None
+        Where the right camera is, in the axes of the left one [m]; None where there is none.
     """
 
     @checked(intrinsics=(ANY,))
@@ -94,7 +94,7 @@ class WorldMap(Map):
         self.add_cameras(intrinsics[None], fixed=np.ones((1, len(intrinsics)), dtype=np.bool_))
         self.keyframes: list[Keyframe] = []
         self.metric = False
-        self.baseline_m: float | None = None
+        self.right_centre_m: FloatArray | None = None
         self._right = Table(pixels=(np.float64, (2,), np.nan))
         # Number of the oldest keyframe of the part that images hold together.
         self.part_start = 0
@@ -102,7 +102,7 @@ class WorldMap(Map):
     @property
     def stereo(self) -> bool:
         """Whether right images determine its scale: it is in metres, and there are some."""
-        return self.metric and self.baseline_m is not None
+        return self.metric and self.right_centre_m is not None
 
     @property
     def right_px(self) -> FloatArray:
@@ -126,7 +126,7 @@ class WorldMap(Map):
         (image,) = self.add_images([name], [0], [count], view.pixels, points=view.tracks, poses=pose[None])
         self._right.grow(count, pixels=None if view.right is None else view.right.pixels)
         if view.right is not None:
-            self.baseline_m = view.right.baseline_m
+            self.right_centre_m = view.right.centre_m
         self.keyframes.append(Keyframe(self, int(image), frame.number, frame.t_s, list(constraints)))
         return self.keyframes[-1]
 

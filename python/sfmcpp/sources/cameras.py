@@ -27,7 +27,7 @@ from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.vision import Frames
 
 CALIBRATION_FILES = ("calib.txt", "K.txt", "sensor.yaml")
-_PROJECTION = re.compile(r"(?:P\w*:)?((?:\s*[-+.\deE]+(?=\s|$)){12})\s*")
+_PROJECTION = re.compile(r"(?:(P\w*):)?((?:\s*[-+.\deE]+(?=\s|$)){12})\s*")
 
 # A principal point that is off the middle by such a factor, the same along both axes but for another, is that
 # of images of another size; cropping or a lens shifts it by pixels, and seldom along the diagonal.
@@ -104,15 +104,13 @@ def read_camera(path: Path) -> Calibration:
     file, camera = camera_file(path)
     if file.suffix.lower() in DOCUMENTS:
         return read_calibration(file, camera)
-    with failures_named(path):
-        data = read_text_bytes(path)
-    rows = [] if path.name == "K.txt" else _projection_rows(data)
-    matrices = _projections(path, rows) if rows else _matrix_of_numbers(path, data)
+    projections = projection_matrices(path)
+    matrices = np.stack([p[:, :3] for _, p in projections]) if projections else _matrix_of_numbers(path)
     if not np.allclose(matrices, matrices[0], rtol=1e-9):
         raise DatasetError(path, "its cameras differ: give --camera F,CX,CY of the one that took the images")
     if (fault := matrix_fault(matrices[0])) is not None:
         raise DatasetError(path, fault)
-    return Calibration(pinhole_of_matrix(matrices[0]), first_pixel_px=0.0 if rows else None)
+    return Calibration(pinhole_of_matrix(matrices[0]), first_pixel_px=0.0 if projections else None)
 
 
 def camera_file(path: str | Path) -> tuple[Path, str]:
@@ -122,8 +120,32 @@ def camera_file(path: str | Path) -> tuple[Path, str]:
     return (Path(file), name) if named else (Path(path), "")
 
 
-def _matrix_of_numbers(path: Path, data: bytes) -> FloatArray:
+def projection_matrices(path: Path) -> list[tuple[str, FloatArray]]:
+    """Projection matrices (3, 4) of KITTI's ``calib.txt`` with their names, empty where a row has none.
+
+    None of another file.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read.
+    """
+    lines = [] if path.name == "K.txt" else _text_of(path).decode("utf-8", "replace").splitlines()
+    rows = [found for line in lines if (found := _PROJECTION.fullmatch(line.strip()))]
+    if not rows:
+        return []
+    numbers = NumberText(path, b"\n".join(row[2].encode() for row in rows)).values
+    return [(row[1] or "", matrix) for row, matrix in zip(rows, numbers.reshape(-1, 3, 4), strict=True)]
+
+
+def _text_of(path: Path) -> bytes:
+    with failures_named(path):
+        return read_text_bytes(path)
+
+
+def _matrix_of_numbers(path: Path) -> FloatArray:
     named = path.name == "K.txt"
+    data = _text_of(path)
     try:
         values = NumberText(path, data.replace(b",", b" "), comments=True).values
     except DatasetError:
@@ -136,15 +158,6 @@ def _matrix_of_numbers(path: Path, data: bytes) -> FloatArray:
         raise DatasetError(path, f"holds {len(values)} numbers: must be 9, a calibration matrix")
     neither = "holds no row of 12 numbers, the projection matrix of a camera, nor 9, a calibration matrix"
     raise DatasetError(path, neither)
-
-
-def _projection_rows(data: bytes) -> list[bytes]:
-    lines = data.decode("utf-8", "replace").splitlines()
-    return [found[1].encode() for line in lines if (found := _PROJECTION.fullmatch(line.strip()))]
-
-
-def _projections(path: Path, rows: list[bytes]) -> FloatArray:
-    return NumberText(path, b"\n".join(rows)).values.reshape(-1, 3, 4)[:, :, :3]
 
 
 def size_that_fits(

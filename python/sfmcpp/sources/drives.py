@@ -16,7 +16,8 @@ from sfmcpp.model.checks import looked_up
 from sfmcpp.model.sensor_stream import SENSORS
 from sfmcpp.sensors import Mounting, require_agreement, require_overlap
 from sfmcpp.sources.cameras import find_camera
-from sfmcpp.sources.frames import CameraArgument, FrameSource, TrackSequence, open_images
+from sfmcpp.sources.frames import FrameSource, TrackSequence
+from sfmcpp.sources.image_stream import CameraArgument, camera_path, open_images
 from sfmcpp.sources.io.files import failures_named, is_folder, is_regular_file
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.io.sensor_columns import columns_of
@@ -24,6 +25,7 @@ from sfmcpp.sources.io.sensor_csv import left_out_columns, read_sensor_csv
 from sfmcpp.sources.io.track_files import read_tracks
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.mounting_files import clock_offset_of, mounting_beside_camera, mounting_of
+from sfmcpp.sources.stereo_pair import StereoArgument
 from sfmcpp.sources.vision import CORNERS, PICTURES, VIDEOS
 
 _ACCEPTED = "a folder of images, EuRoC's mav0, a video, a KITTI drive (.mat) or a text file of tracks"
@@ -144,6 +146,8 @@ def open_drive(
     fps: float | None = None,
     corners: str = CORNERS[0],
     stereo: bool = False,
+    right: str | PathLike[str] | None = None,
+    baseline_m: float | None = None,
     clock_offset_s: float | None = None,
     mask: str | PathLike[str] | None = None,
 ) -> Drive:
@@ -165,18 +169,24 @@ def open_drive(
         How the camera sits on the body of the sensors; see :func:`sfmcpp.sources.mounting_files.mounting_of`.
         Default: what a drive tells, or ``T_BS`` or ``T_cam_imu`` of a camera in the form of EuRoC or Kalibr.
     camera : path-like or sequence of float, optional
-        Of images; see :func:`sfmcpp.sources.frames.open_images`.
+        Of images; see :func:`sfmcpp.sources.image_stream.open_images`.
     fps : float, optional
-        Of images; see :func:`sfmcpp.sources.frames.open_images`.
+        Of images; see :func:`sfmcpp.sources.image_stream.open_images`.
     corners : str
-        Of images; see :func:`sfmcpp.sources.frames.open_images`.
+        Of images; see :func:`sfmcpp.sources.image_stream.open_images`.
     stereo : bool
-        Whether to take what the right camera sees, too, of a KITTI drive.
+        Whether to take what the right camera sees, too: of a KITTI drive, or of images with a folder of right
+        ones beside them (``cam1``, ``image_1``, ``image_r``, ``right``).
+    right : path-like, optional
+        Right images where they are elsewhere, a folder or a video; with `stereo` or without.
+    baseline_m : float, optional
+        How far the right camera of a rectified pair is beside the left one [m]; with `stereo` or without.
+        Default: what files tell; see :mod:`sfmcpp.sources.stereo_pair`.
     clock_offset_s : float, optional
         Camera time − sensor time, added to every stamp of the sensors [s]. Default: −``timeshift_cam_imu`` if
         `mounting`, or else `camera`, is a file of Kalibr with one, else 0.
     mask : path-like, optional
-        Of images; see :func:`sfmcpp.sources.frames.open_images`.
+        Of images; see :func:`sfmcpp.sources.image_stream.open_images`.
 
     Returns
     -------
@@ -196,12 +206,13 @@ def open_drive(
     apart = _read_all_sensors(files, sensor_columns)
     try:
         with failures_named(source):
-            frames, truth, own = _read_input(source, _OfImages(camera, fps, corners, mask), stereo, apart)
+            of_images = _OfImages(camera, fps, corners, mask, right, baseline_m)
+            frames, truth, own = _read_input(source, of_images, stereo, apart)
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
     how = mounting_of(mounting) or apart.mounting or own.mounting
     seconds = time.perf_counter() - started
-    told = mounting if mounting is not None else _file_of(camera)
+    told = mounting if mounting is not None else camera_path(camera)
     offset_s = clock_offset_of(told) if clock_offset_s is None else clock_offset_s
     streams = {kind: stream.shifted(offset_s) for kind, stream in apart.beside(own).items()}
     return Drive(source, frames, truth, streams, how, files, apart.file_of, offset_s, seconds)
@@ -274,6 +285,13 @@ class _OfImages(NamedTuple):
     fps: float | None = None
     corners: str = CORNERS[0]
     mask: str | PathLike[str] | None = None
+    right: str | PathLike[str] | None = None
+    baseline_m: float | None = None
+
+    def stereo(self, wanted: bool) -> StereoArgument | None:
+        """What is told of right images, if they are wanted."""
+        told = StereoArgument(self.right, self.baseline_m)
+        return told if wanted or told != StereoArgument() else None
 
 
 def _read_input(
@@ -282,12 +300,13 @@ def _read_input(
     suffix = source.suffix.lower()
     if suffix in PICTURES and not is_folder(source):
         raise DatasetError(source, f"is a single picture: give {_ACCEPTED}")
-    if stereo and suffix != ".mat":
-        raise InvalidArgument("stereo: only KITTI drives (.mat) hold what a right camera sees")
     if is_folder(source) or suffix in VIDEOS:
-        return _read_images(source, of_images, apart.image_t_s)
+        return _read_images(source, of_images, stereo, apart.image_t_s)
+    if stereo and suffix != ".mat":
+        raise InvalidArgument("stereo: only KITTI drives (.mat) and images have what a right camera sees")
     if of_images != _OfImages():
         told = "camera, fps, corners: are" if of_images.mask is None else "mask: is"
+        told = told if of_images.stereo(False) is None else "right, baseline_m: are"
         raise InvalidArgument(f"{told} for images, the input is tracks and holds its own")
     if suffix == ".mat":
         drive = read_kitti_mat(source)
@@ -296,11 +315,12 @@ def _read_input(
 
 
 def _read_images(
-    source: Path, told: _OfImages, stamps: FloatArray | None
+    source: Path, told: _OfImages, stereo: bool, stamps: FloatArray | None
 ) -> tuple[FrameSource, Trajectory | None, _Sensors]:
     euroc = euroc_folder(source)
     images = source if euroc is None else euroc.images
-    frames, truth = open_images(images, told.camera, told.fps, told.corners, stamps, told.mask)
+    pair = told.stereo(stereo)
+    frames, truth = open_images(images, told.camera, told.fps, told.corners, stamps, told.mask, pair)
     mounting = _mounting_beside(images, told.camera)
     return (
         (frames, truth, _Sensors({}, mounting)) if euroc is None else (frames, *_euroc_drive(euroc, mounting))
@@ -309,12 +329,8 @@ def _read_images(
 
 def _mounting_beside(images: Path, camera: CameraArgument) -> Mounting | None:
     """Mounting in the camera's file."""
-    file = find_camera(images) if camera is None else _file_of(camera)
+    file = find_camera(images) if camera is None else camera_path(camera)
     return None if file is None else mounting_beside_camera(file)
-
-
-def _file_of(camera: CameraArgument) -> Path | None:
-    return Path(camera) if isinstance(camera, (str, PathLike)) else None
 
 
 def _euroc_drive(folder: EurocFolder, mounting: Mounting | None) -> tuple[Trajectory | None, _Sensors]:

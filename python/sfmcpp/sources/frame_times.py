@@ -160,7 +160,7 @@ def _times_beside_images(images: Frames) -> FloatArray | None:
         return read_times(listed, lambda count: require_as_many(listed, count, "times", images))
     by_name = file_beside(images.path, _EUROC)
     found = None if by_name is None or not images.names else _times_by_name(by_name, images)
-    return _times_of_names(images) if found is None else found
+    return times_of_names(images) if found is None else found
 
 
 def read_times(path: Path, require_fit: Callable[[int], None]) -> FloatArray:
@@ -224,7 +224,14 @@ def _times_by_name(path: Path, images: Frames) -> FloatArray | None:
     return _require_increasing_times(path, images, np.array([times[name] for name in images.names]))
 
 
-def _times_of_names(images: Frames) -> FloatArray | None:
+def times_of_names(images: Frames) -> FloatArray | None:
+    """Times of images whose names are nanoseconds, or seconds with decimals, since 1970 [s]; None of others.
+
+    Raises
+    ------
+    DatasetError
+        If they do not increase.
+    """
     stems = [Path(name).stem for name in images.names]
     for pattern, unit_s in ((_NAMED_BY_NS, _NS), (_NAMED_BY_S, 1.0)):
         if stems and all(map(pattern.fullmatch, stems)):

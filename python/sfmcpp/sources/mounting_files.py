@@ -103,13 +103,13 @@ def mounting_beside_camera(path: Path) -> Mounting | None:
     root = read_document(file)
     node = root.part(_POSE)
     if node is not None:
-        body_from_camera = _pose(node, _POSE)
+        body_from_camera = pose_of(node, _POSE)
         return _named(node, lambda: _mounting_of_pose(body_from_camera))
     chain = _kalibr_camera(root, name)
     node = None if chain is None else chain.part(_KALIBR_POSE)
     if node is None:
         return None
-    camera_from_body = _pose(node, _KALIBR_POSE)
+    camera_from_body = pose_of(node, _KALIBR_POSE)
     rotation = camera_from_body[:, :3]
     return _named(node, lambda: Mounting(rotation, -rotation.T @ camera_from_body[:, 3]))
 
@@ -139,8 +139,14 @@ def _require_found(path: Path, found: Mounting | None) -> Mounting:
     return found
 
 
-def _pose(node: Node, name: str) -> FloatArray:
-    """A 4×4 matrix as ``[R | t]``, its rotation made exact."""
+def pose_of(node: Node, name: str) -> FloatArray:
+    """A 4×4 matrix as ``[R | t]`` (3, 4), its rotation made exact.
+
+    Raises
+    ------
+    DatasetError
+        If it is none.
+    """
     numbers = node.numbers()
     if len(numbers) != 16:
         raise node.error(f"{name} holds {len(numbers)} numbers: must be 16, a 4×4 matrix")

@@ -166,6 +166,8 @@ def test_a_standing_camera_is_told_and_leaves_a_report_only(tmp_path: Path) -> N
         (["clip.mp4", *OUT], "clip.mp4: no such file"),
         (["photo.png", *OUT], "photo.png: is a single picture: give a folder of images"),
         (["drive.csv", *OUT, "--fps", "10"], "camera, fps, corners: are for images"),
+        (["drive.csv", *OUT, "--stereo"], "stereo: only KITTI drives (.mat) and images have"),
+        (["drive.csv", *OUT, "--baseline", "0.5"], "right, baseline_m: are for images"),
         (["drive.csv", *OUT, "--corners", "harris"], "camera, fps, corners: are for images"),
         (["drive.csv", *OUT, "--corners", "fast"], "'fast' is unknown; choose one of shi-tomasi, harris"),
         (["drive.csv", *OUT, "--camera", "700,0,600"], "camera, fps, corners: are for images"),

@@ -13,6 +13,8 @@ from sfmcpp.sources.io.trajectories import read_trajectory
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
+from stereo_images import write_rectified  # noqa: E402
+
 CLIP = "kitti_clip/image_l"
 DRIVE = "kitti_tracks/2011_09_30_drive_0020_sync_KLT.mat"
 CAMERA = "707.0912,601.8873,183.1104"
@@ -80,6 +82,25 @@ def test_a_video_is_followed_at_its_own_rate(tmp_path: Path, data_dir: Path) -> 
     ("file", "content", "options", "told"),
     [
         (None, "", [], "there is no calib.txt, K.txt or sensor.yaml beside it; give --camera"),
+        (
+            None,
+            "",
+            ["--camera", "90,32,24", "--stereo"],
+            "no images of a right camera are beside it; give --right",
+        ),
+        (
+            None,
+            "",
+            ["--camera", "90,32,24", "--right", "images"],
+            "images: where its camera is beside the left",
+        ),
+        (
+            None,
+            "",
+            ["--camera", "90,32,24", "--baseline", "1"],
+            "no images of a right camera are beside it; give",
+        ),
+        (None, "", ["--camera", "90,32,24", "--right", "none"], "none: no such file or directory"),
         (None, "", ["--camera", "90,200,20"], "principal point (200, 20) lies outside of the images of 64"),
         ("K.txt", "90 0 32 0 90 24", [], "K.txt: holds 6 numbers: must be 9"),
         ("times.txt", "0\n0.1\n", ["--camera", "90,32,24"], "times.txt: holds 2 times for 3 images"),
@@ -127,3 +148,13 @@ def test_a_bad_image_is_left_out_and_named(tmp_path: Path, data_dir: Path) -> No
     assert (content["totals"]["frames"], content["totals"]["poses"]) == (15, 15)
     times = [0.1 * number for number in range(16) if number != 5]
     np.testing.assert_allclose(read_trajectory(out / "trajectory.txt").t_s, times)
+
+
+def test_right_images_beside_make_metres(tmp_path: Path) -> None:
+    poses = write_rectified(tmp_path, 6)
+    result = run_here("slam", "image_0", "--stereo", "-o", "out", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert strict_json(tmp_path / "out/report.json")["warnings"] == []
+    found = read_trajectory(tmp_path / "out/trajectory.txt")
+    true_m = np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1).sum()
+    assert found.length_m == pytest.approx(true_m, rel=0.02)

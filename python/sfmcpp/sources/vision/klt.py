@@ -130,6 +130,33 @@ def follow_features(
         yield tracker.look_at(image.copy())
 
 
+def find_corners(
+    image: GreyImage, other: GreyImage, corners: Corners, guesses: Corners, settings: KltSettings
+) -> tuple[Corners, BoolArray]:
+    """Find corners of an image in another one of its size, as from one frame to the next.
+
+    Parameters
+    ----------
+    image, other : (height, width) uint8
+        Images.
+    corners, guesses : (n, 2) float32
+        Where `image` has the corners, and where in `other` they are looked for first [px].
+    settings : KltSettings
+        How they are followed.
+
+    Returns
+    -------
+    corners : (n, 2) float32
+        Where the other image has them [px].
+    good : (n,) bool
+        Which of these are found, and lead back to where they started.
+    """
+    tracker = _Tracker(load_cv2(), settings, np.full(other.shape, 255, np.uint8))
+    if not len(corners):
+        return corners, np.empty(0, np.bool_)
+    return tracker.moved(_Seen(image, corners, np.empty(0, np.int32)), other, guesses)
+
+
 class _Seen(NamedTuple):
     """An image, and the corners seen in it."""
 
@@ -183,34 +210,47 @@ class _Tracker:
         """Those of the corners before that are followed into an image."""
         if not len(before.corners):
             return _Seen(image, before.corners, before.tracks)
-        moved, good = self._moved(before, image)
+        moved, good = self.moved(before, image)
         return _Seen(image, moved, before.tracks).only(good)
 
-    def _moved(self, before: _Seen, image: GreyImage) -> tuple[Corners, BoolArray]:
+    def moved(
+        self, before: _Seen, image: GreyImage, guesses: Corners | None = None
+    ) -> tuple[Corners, BoolArray]:
         """Corners in `image`, and which are good; where its exposure differs, with that removed."""
-        as_is = self._tracked(before.image, image, before.corners)
+        as_is = self._tracked(before.image, image, before.corners, guesses)
         alike = _exposed_alike(self.cv2, before.image, image)
         if alike is None:
             return as_is
         # What has come into the image changes its grey levels, too; then corners are followed better as is.
-        exposed = self._tracked(*alike, before.corners)
+        exposed = self._tracked(*alike, before.corners, guesses)
         return max(exposed, as_is, key=lambda found: np.count_nonzero(found[1]))
 
-    def _tracked(self, before: GreyImage, image: GreyImage, corners: Corners) -> tuple[Corners, BoolArray]:
-        moved, found, residual = self._flow(before, image, corners)
-        back, found_back, _ = self._flow(image, before, moved)
+    def _tracked(
+        self, before: GreyImage, image: GreyImage, corners: Corners, guesses: Corners | None
+    ) -> tuple[Corners, BoolArray]:
+        moved, found, residual = self._flow(before, image, corners, guesses)
+        # Back by the way that was guessed: from the corner itself it would always come back.
+        way_back = None if guesses is None else moved - (guesses - corners)
+        back, found_back, _ = self._flow(image, before, moved, way_back)
         distance = np.linalg.norm(back - corners, axis=1)
         good = found & found_back & (distance <= self.settings.forward_backward_px)
         return moved, good & (residual <= self.settings.max_residual) & self._inside(moved)
 
     def _flow(
-        self, a: GreyImage, b: GreyImage, corners: Corners
+        self, a: GreyImage, b: GreyImage, corners: Corners, guesses: Corners | None
     ) -> tuple[Corners, BoolArray, NDArray[np.float32]]:
         window = (self.settings.window_px,) * 2
         stop = (self.cv2.TERM_CRITERIA_EPS | self.cv2.TERM_CRITERIA_COUNT, 30, 0.005)
-        levels = self.settings.levels
+        start = None if guesses is None else guesses.copy()  # which OpenCV overwrites
         moved, found, residual = self.cv2.calcOpticalFlowPyrLK(
-            a, b, corners, None, winSize=window, maxLevel=levels, criteria=stop
+            a,
+            b,
+            corners,
+            start,
+            winSize=window,
+            maxLevel=self.settings.levels,
+            criteria=stop,
+            flags=0 if start is None else self.cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         return moved, found[:, 0].astype(np.bool_), residual[:, 0]
 

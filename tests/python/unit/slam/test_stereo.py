@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,14 @@ import pytest
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.similarity import Similarity
+from sfmcpp.model import SensorStream
 from sfmcpp.model.frames import Frame, RightView, View
 from sfmcpp.slam import SlamResult, SlamSettings, TrackSequence, WorldMap, run_slam
+from sfmcpp.slam.baseline_check import warn_of_baseline
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.mapping import adjust
+from sfmcpp.slam.motion_sensors import Gps, Odometer
+from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.stereo import metres_per_unit, with_right_views
 from sfmcpp.sources.drives import open_drive
 from sfmcpp.study.evaluation import evaluate
@@ -27,10 +32,10 @@ POSES = path(
 )
 
 
-def beside(pose: np.ndarray) -> np.ndarray:
+def beside(pose: np.ndarray, centre_m: Sequence[float] = (BASELINE_M, 0.0, 0.0)) -> np.ndarray:
     """Pose of the right camera."""
     moved = pose.copy()
-    moved[:, 3] += BASELINE_M * pose[:, 0]
+    moved[:, 3] += pose[:, :3] @ centre_m
     return moved
 
 
@@ -107,14 +112,37 @@ def test_the_metre_survives_the_final_adjustment() -> None:
     assert np.abs(scales(result) - 1).max() < 0.02
 
 
-def stereo_map(unit_m: float = 1.0) -> WorldMap:
+@pytest.mark.parametrize(("factor", "told"), [(1.0, []), (0.9, ["odometer: its metres are 0.9"])])
+def test_an_odometer_of_other_metres_than_the_right_images_is_named(factor: float, told: list[str]) -> None:
+    steps = np.linalg.norm(np.diff(POSES[:, :, 3], axis=0, prepend=POSES[:1, :, 3]), axis=1)
+    way = SensorStream(STEP_S * np.arange(NUM_FRAMES), factor * np.cumsum(steps), "distance", "odometer")
+    found = run_slam(sequence(), sensors=[Odometer(way, "odometer")]).warnings
+    named = [warning for warning in found if "of those of the right images: the baseline of 0.5 m" in warning]
+    assert len(named) == len(told)
+    assert all(warning.startswith(start) for warning, start in zip(named, told, strict=True))
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.1])
+def test_positions_of_other_metres_than_the_right_images_are_named(factor: float) -> None:
+    places = SensorStream(STEP_S * np.arange(NUM_FRAMES), factor * POSES[:, :, 3], "position", "gps")
+    world = run_slam(sequence()).world
+    named = warn_of_baseline(world, SensorSuite([Gps(places, None, "gps")]))
+    assert [warning.split(" of those")[0] for warning in named] == ["gps: its metres are 1.1"] * (factor > 1)
+
+
+# A right camera that is also higher and behind.
+OBLIQUE_M = (0.5, -0.1, -0.2)
+
+
+def stereo_map(unit_m: float = 1.0, baseline_m: float | Sequence[float] = BASELINE_M) -> WorldMap:
     """Three keyframes that see thirty points, in that unit."""
+    centre_m = RightView(np.empty((0, 2)), baseline_m).centre_m
     world = small_map([list(range(30))] * 3)
     points = world.points.copy()
     stereo = WorldMap(INTRINSICS)
     for keyframe in world.keyframes:
         view = keyframe.view
-        right = RightView(project(beside(keyframe.pose), points[view.tracks]), BASELINE_M)
+        right = RightView(project(beside(keyframe.pose, centre_m), points[view.tracks]), baseline_m)
         frame = Frame(keyframe.frame, keyframe.t_s, View(view.tracks, view.pixels, right))
         stereo.add(frame, keyframe.pose)
     stereo.points[:] = points
@@ -122,8 +150,11 @@ def stereo_map(unit_m: float = 1.0) -> WorldMap:
     return stereo
 
 
-def test_right_images_tell_the_unit_and_some_wrong_ones_do_not_matter() -> None:
-    world = stereo_map(unit_m=3.0)
+@pytest.mark.parametrize("baseline_m", [BASELINE_M, OBLIQUE_M])
+def test_right_images_tell_the_unit_and_some_wrong_ones_do_not_matter(
+    baseline_m: float | Sequence[float],
+) -> None:
+    world = stereo_map(3.0, baseline_m)
     world.right_px[::4, 0] -= 15.0
     assert metres_per_unit(world) == pytest.approx(3.0, rel=1e-9)
     world.right_px[9:] = np.nan
@@ -142,13 +173,16 @@ def test_wrong_right_pixels_are_forgotten_and_left_ones_stay() -> None:
     np.testing.assert_allclose(world.points, points, rtol=0, atol=1e-3)
 
 
-def test_a_right_camera_stays_one_baseline_beside_its_left_one() -> None:
-    world = stereo_map()
+@pytest.mark.parametrize("centre_m", [(BASELINE_M, 0.0, 0.0), OBLIQUE_M])
+def test_a_right_camera_stays_where_it_is_beside_its_left_one(centre_m: Sequence[float]) -> None:
+    world = stereo_map(baseline_m=centre_m)
     world.metric = True
     both = with_right_views(world, world.around(3))
     left, right = both.problem.cameras[:3], both.problem.cameras[3:]
     for one, other in zip(left, right, strict=True):
-        np.testing.assert_allclose(other, beside(one), rtol=0, atol=1e-15)
+        np.testing.assert_allclose(other, beside(one, centre_m), rtol=0, atol=1e-15)
+    adjust(world, SlamSettings())
+    assert np.isfinite(world.right_px).all()
     assert both.problem.num_observations == 2 * len(both.local.rows)
 
 
@@ -172,6 +206,11 @@ def test_without_right_images_a_problem_is_what_it_was() -> None:
         ((np.zeros((1, 2)), 0.5), r"right_px: shape \(1, 2\), must be \(2, 2\)"),
         ((np.zeros((2, 2)),), "baseline_m: missing"),
         ((np.zeros((2, 2)), -0.5), "baseline_m = -0.5"),
+        (
+            (np.zeros((2, 2)), [0.0, 0.0, 0.0]),
+            "baseline_m = 0, 0, 0: the cameras of a pair must not be in one",
+        ),
+        ((np.zeros((2, 2)), [0.5, 0.0]), r"baseline_m: shape \(2,\), must be \(3\)"),
     ],
 )
 def test_right_pixels_that_cannot_be_are_refused(right: tuple[object, ...], told: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Trajectory
 from sfmcpp.sources.drives import open_drive
-from sfmcpp.sources.frames import open_images
+from sfmcpp.sources.image_stream import open_images
 from sfmcpp.sources.io.trajectories import write_trajectory
 from sfmcpp.sources.mounting_files import mounting_of
 

@@ -13,7 +13,7 @@ from sfmcpp import slam
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.cameras import find_camera, read_intrinsics
 from sfmcpp.sources.drives import open_drive
-from sfmcpp.sources.frames import ImageStream, open_images
+from sfmcpp.sources.image_stream import ImageStream, open_images
 from sfmcpp.sources.vision import Frames, KltSettings, follow_features, open_frames
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
@@ -343,7 +343,7 @@ def test_a_video_may_have_a_few_times_fewer_than_it_declares_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listed: int, accepted: bool
 ) -> None:
     video = LongerVideo(write_video(tmp_path / "clip.avi", 5), declared=6)
-    monkeypatch.setattr("sfmcpp.sources.frames.open_frames", lambda path: video)
+    monkeypatch.setattr("sfmcpp.sources.image_stream.open_frames", lambda path: video)
     (tmp_path / "times.txt").write_text("".join(f"{k}\n" for k in range(listed)))
     if not accepted:
         with pytest.raises(DatasetError, match=f"holds {listed} times for 6 images"):
