@@ -210,7 +210,10 @@ def _why_no_model(graph: MatchGraph) -> str:
     if len(graph.photos) < 2:
         return f"{NO_MODEL}{len(graph.photos)} usable image, two are needed"
     if "general" in kinds or "planar" in kinds:
-        return f"{NO_MODEL}no two images see enough common points from sufficiently different positions"
+        return (
+            f"{NO_MODEL}no two images see enough common points from sufficiently different positions; move "
+            "the camera farther between photos, and mask what moves itself (--masks)"
+        )
     turned = [pair for pair in graph.pairs if pair.geometry.kind == "rotation"]
     if turned and all(stands_still(graph, pair) for pair in turned):
         return f"{NO_MODEL}the camera did not move between these images; move it between photos"
