@@ -77,7 +77,7 @@ Masks = Annotated[
     typer.Option(
         metavar="DIR",
         callback=_masks,
-        help="Masks, named as the photos; nothing is detected in black areas.",
+        help="Masks, named as the photos; nothing is detected in black areas. Without: in transparent ones.",
     ),
 ]
 Gps = Annotated[

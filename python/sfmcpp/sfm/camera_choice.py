@@ -31,6 +31,9 @@ _WORTH = 0.015
 # An estimated aspect ratio beyond this factor is that of no camera: their pixels are square.
 _MOST_UNEVEN = 1.05
 _ASPECT = PERSPECTIVE.index("aspect")
+# Focal lengths of lenses in lengths of the longer side: shorter ones see 150° and more, which none draws with
+# straight lines, longer ones are those of telescopes.
+_LENSES = 0.13, 50.0
 # So much farther from positions of the images, in the root mean square, is no chance with a dozen of them.
 _BENT = 1.15
 
@@ -115,10 +118,11 @@ def camera_warnings(models: Sequence[Map], cameras: Cameras) -> list[str]:
     Returns
     -------
     list of str
-        A sentence for each contradiction, and for each model with pixels that are not square.
+        A sentence for each contradiction, and for each model with pixels that are not square or a focal
+        length that no lens has.
     """
     if not cameras.fixed[:, PERSPECTIVE.index("f")].all():
-        return _uneven_pixels(models)
+        return _uneven_pixels(models) + _impossible_focals(models)
     warnings = []
     for world in models:
         case = Case(world.whole_problem(2).problem, [], None)
@@ -140,5 +144,21 @@ def _uneven_pixels(models: Sequence[Map]) -> list[str]:
                 f"fy / fx of the camera of {world.image_names[first]} is estimated as {aspects[worst]:.2f}, "
                 "but pixels of cameras are square: the images leave it open or were resized unevenly, or the "
                 "model is wrong"
+            )
+    return warnings
+
+
+def _impossible_focals(models: Sequence[Map]) -> list[str]:
+    """The first estimated focal length of each model that no lens has."""
+    warnings = []
+    for world in models:
+        used = np.unique(world.image_cameras[world.registered])
+        focals, sides = world.intrinsics[used, 0], world.camera_sizes[used].max(axis=1)
+        shortest, longest = (sides * limit for limit in _LENSES)
+        for k in np.flatnonzero((sides > 0) & ((focals < shortest) | (focals > longest)))[:1]:
+            first = np.flatnonzero(world.registered & (world.image_cameras == used[k]))[0]
+            warnings.append(
+                f"the focal length of the camera of {world.image_names[first]} is estimated as "
+                f"{focals[k]:.0f} px, in images of {sides[k]:.0f} px: no lens has that, the model is wrong"
             )
     return warnings

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,9 @@ _MOST_LOSSES = 3
 # A pose is wrong if less than this part of the image's matches with the model agrees with it, by a limit for
 # outliers that right poses keep in a young model, too. The pairs with most matches tell.
 _LEAST_AGREEING, _FAR, _MOST_PAIRS = 0.25, 4, 20
+# So is a place with which fewer matches agree than this part of those with images that turned there, and have
+# no place. Images are at one place that are nearer to each other than this part of the way to what they see.
+_LEAST_OF_TURNED, _ONE_PLACE = 0.05, 0.02
 
 
 class Growth:
@@ -188,6 +191,7 @@ class Growth:
                 retried = True
             else:
                 break
+        self._give_up_turned_images()
         self.finish()
 
     def finish(self) -> None:
@@ -351,6 +355,38 @@ class Growth:
             changed += structure.triangulate(registered)
         self._adjusted = (int(np.count_nonzero(world.registered)), int(np.count_nonzero(world.known)))
         return changed
+
+    def _give_up_turned_images(self) -> None:
+        """Take the pose from images that few wrong matches may have placed: of a camera that turned away.
+
+        Nearly all of their matches are with images that tell how it turned, and have no place themselves.
+        """
+        world, graph = self.world, self._scene.graph
+        wrong = []
+        for image in np.flatnonzero(world.registered & ~self._elsewhere).tolist():
+            pairs = graph.verified_pairs[image]
+            turned = sum(pair.num_verified for pair in pairs if self._turned_without_place(pair))
+            if turned and self._agreeing(image, pairs) < _LEAST_OF_TURNED * turned:
+                wrong.append(image)
+                self.reasons[image] = (
+                    f"{turned} of its matches are with images of the same spot that have no place, hardly "
+                    "any with the model: move the camera between photos"
+                )
+        world.poses[wrong] = np.nan
+
+    def _turned_without_place(self, pair: Pair) -> bool:
+        placed = self.world.registered | self._elsewhere
+        return pair.geometry.kind in ("planar", "rotation") and not placed[[pair.first, pair.second]].all()
+
+    def _agreeing(self, image: int, pairs: Sequence[Pair]) -> int:
+        """How many matches of an image with images of other places agree with its pose."""
+        world, centres = self.world, self.world.poses[:, :, 3]
+        known = world.keypoint_points[self.structure.seeing_known(image)]
+        depth = np.median(np.linalg.norm(world.points[known] - centres[image], axis=1))
+        apart = np.linalg.norm(centres - centres[image], axis=1) > _ONE_PLACE * depth
+        inside = [p for p in pairs if apart[p.second if p.first == image else p.first]]
+        errors = [epipolar_errors_px(self._scene.graph, world, pair) for pair in inside]
+        return sum(int(np.count_nonzero(some <= _FAR * self._settings.outlier_px)) for some in errors)
 
     def _give_up_lost_images(self) -> None:
         """Take the pose from images that hardly see a point any more."""

@@ -16,6 +16,7 @@ from sfmcpp.sfm.incremental import GrownModels
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.still_features import stands_still
 from sfmcpp.sources.vision.images import photos_of_video
 from sfmcpp.sources.vision.photos import PhotoFolder
 
@@ -209,8 +210,14 @@ def _why_no_model(graph: MatchGraph) -> str:
     if len(graph.photos) < 2:
         return f"{NO_MODEL}{len(graph.photos)} usable image, two are needed"
     if "general" in kinds or "planar" in kinds:
-        return f"{NO_MODEL}no two images see enough common points from sufficiently different positions"
-    if "rotation" in kinds:
+        return (
+            f"{NO_MODEL}no two images see enough common points from sufficiently different positions; move "
+            "the camera farther between photos, and mask what moves itself (--masks)"
+        )
+    turned = [pair for pair in graph.pairs if pair.geometry.kind == "rotation"]
+    if turned and all(stands_still(graph, pair) for pair in turned):
+        return f"{NO_MODEL}the camera did not move between these images; move it between photos"
+    if turned:
         return (
             f"{NO_MODEL}the camera only turned, or the photos are identical; move the camera between photos"
         )

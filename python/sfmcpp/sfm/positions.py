@@ -369,8 +369,13 @@ def is_on_a_line(metres: FloatArray) -> bool:
 
 def require_no_line(metres: FloatArray, wrong: list[str]) -> None:
     """Raise InvalidArgument if positions (n, 3) lie on a line, but for those of the images named."""
+    but = f" but for those that disagree ({', '.join(wrong[:3])})" if wrong else ""
+    if not np.ptp(metres, axis=0).any():
+        raise InvalidArgument(
+            f"gps: the positions{but} are all the same, which tells neither scale nor direction: each image "
+            "needs its own"
+        )
     if is_on_a_line(metres):
-        but = f" but for those that disagree ({', '.join(wrong[:3])})" if wrong else ""
         raise InvalidArgument(
             f"gps: the positions{but} lie on a line, which leaves the model free to turn round it: positions "
             "or control points (--gcp) off the line hold it"
@@ -380,9 +385,11 @@ def require_no_line(metres: FloatArray, wrong: list[str]) -> None:
 def unused_positions(gps: str | PathLike[str], photos: Sequence[Photo]) -> list[str]:
     """Warn of positions that the files tell, where they are too few to be used and were not refused."""
     count = len(_exif_positions(photos))
-    if gps != "auto" or not 0 < count < LEAST_POSITIONS:
+    without = sum(photo.position is not None for photo in photos) - count
+    if gps != "auto" or count >= LEAST_POSITIONS or not count + without:
         return []
+    height = f" with a height, {without} without" if without else ""
     return [
-        f"positions that the files tell are not used: {count} photos have one, {LEAST_POSITIONS} are needed; "
-        "the model is not in metres"
+        f"positions that the files tell are not used: {count} photos have one{height}, {LEAST_POSITIONS} are "
+        "needed; the model is not in metres"
     ]

@@ -144,7 +144,8 @@ def reconstruct(
         Which pairs of images are matched: ``"auto"``, ``"exhaustive"``, ``"sequential"``, ``"spatial"``
         or ``"retrieval"``; see :func:`sfmcpp.sources.vision.choose_pairs`.
     masks : path-like, optional
-        Folder of masks: nothing is detected where they are black. Only for a folder of images.
+        Folder of masks: nothing is detected where they are black. Only for a folder of images. Of photos
+        without one, nothing is detected where they are transparent.
     gps : str or path-like
         Positions of images, to georeference the largest model: ``"none"``; ``"exif"``, from the files;
         ``"auto"``, the same if there are enough; or a CSV file of ``name, lat, lon, height`` (WGS84) or

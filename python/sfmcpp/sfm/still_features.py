@@ -1,18 +1,19 @@
 """What stands still in the images while the scene moves: a frame, a time stamp, what is behind a turntable.
 
 Its matches agree with each other, as those of a camera that did not move, and in many pairs they are more
-than those of the scene.
+than those of the scene. Where the camera itself did not move, what passes before it is left out instead.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sfmcpp.geometry import two_view_geometry
 from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
 from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
 from sfmcpp.sfm.front_end import FrontEndSettings, Intrinsics, estimated_geometry
@@ -30,12 +31,17 @@ _FEWEST_IMAGES, _MOST_OF_IMAGES = 4, 0.5
 # Of what is left out of pairs that hold without it, so much must stand still there: of what several tripods
 # see, features move from one to the next.
 _LEAST_STILL = 0.5
+# The camera stood where something stands still, now or then, in more than this part of the image, and at so
+# many of the places where something moves. Cells along each side of an image in which that is counted.
+_MOST_OF_IMAGE, _MOST_OF_MOVING, _CELLS = 0.5, 0.75, 24
 
 
 def without_still_features(
     graph: MatchGraph, intrinsics: Intrinsics, settings: FrontEndSettings, progress: Progress = no_progress
 ) -> tuple[MatchGraph, list[str]]:
     """Leave out the matches of what stands still in most images, if the rest of most images moves.
+
+    Where the camera stood, and others passed before it, the matches of these are left out.
 
     Parameters
     ----------
@@ -51,7 +57,7 @@ def without_still_features(
     Returns
     -------
     MatchGraph
-        The same where nothing stands still, or nothing else agrees: a camera that did not move.
+        The same where nothing stands still, or nothing else agrees.
     list of str
         A warning at most.
     """
@@ -72,6 +78,10 @@ def without_still_features(
     pairs = list(graph.pairs)
     for number, pair in zip(dropped, anew, strict=True):
         pairs[number] = pair
+    standing = _standing_pairs(graph, still)
+    if _camera_stood(graph, [pairs[number] for number in standing], standing.values()):
+        pairs = [standing.get(number, pair) for number, pair in enumerate(graph.pairs)]
+        return replace(graph, pairs=pairs), _warning_of_tripod(still)
     if not (_moves_together(graph, pairs) and _stands_where_others_move(graph, pairs, dropped)):
         return graph, []
     return replace(graph, pairs=pairs), [_warning(still)]
@@ -107,6 +117,11 @@ def _stands(graph: MatchGraph, pair: Pair, most_px: float) -> BoolArray:
     return np.asarray(np.linalg.norm(second - first, axis=1) <= most_px)
 
 
+def stands_still(graph: MatchGraph, pair: Pair) -> bool:
+    """Whether all that agrees in a pair is in the same place of both images."""
+    return bool(_stands(graph, pair, _NEARLY_STILL_PX)[pair.geometry.inliers].all())
+
+
 def _enough_images(graph: MatchGraph) -> FloatArray:
     """(I,) number of images that must be exceeded, for those of the size of each image."""
     sizes = Counter(photo.size for photo in graph.photos)
@@ -131,6 +146,66 @@ def _is_dropped(graph: MatchGraph, pair: Pair, still: Sequence[BoolArray]) -> Bo
     return np.asarray(known | _stands(graph, pair, _NEARLY_STILL_PX))
 
 
+def _standing_pairs(graph: MatchGraph, still: Sequence[BoolArray]) -> dict[int, Pair]:
+    """Those in which most of the still features stand, with what stands alone, by their numbers."""
+    found, shows = {}, [bool(some.any()) for some in still]
+    for number, pair in enumerate(graph.pairs):
+        known = still[pair.first][pair.matches[:, 0]] | still[pair.second][pair.matches[:, 1]]
+        stands = _stands(graph, pair, _STILL_PX)
+        stood = np.count_nonzero(known & stands) >= _LEAST_STILL * np.count_nonzero(known)
+        if shows[pair.first] and shows[pair.second] and stood:
+            found[number] = _as_unmoved(graph, replace(pair, matches=pair.matches[stands]))
+    return found
+
+
+def _as_unmoved(graph: MatchGraph, pair: Pair) -> Pair:
+    """With the geometry of an image and itself: noise must not make a plane of it."""
+    pixels = graph.features[pair.first].pixels[pair.matches[:, 0]]
+    return replace(pair, geometry=two_view_geometry(pixels, pixels))
+
+
+def _camera_stood(graph: MatchGraph, moved: Iterable[Pair], standing: Iterable[Pair]) -> bool:
+    """Whether what stands still covers most of the images, and what moves passes before it.
+
+    Beside a frame or on a turntable, what moves is where nothing ever stands still; under a watermark, it
+    covers more of the images than what does.
+    """
+    moving = _verified_features(graph, [p for p in moved if p.geometry.kind in ("general", "planar")])
+    stands, moves = (_cells_with(graph, some) for some in (_verified_features(graph, standing), moving))
+    shows = stands.any(axis=1)
+    if not shows.any():
+        return False
+    seen = _cells_with(graph, [np.ones_like(some) for some in moving])[shows]
+    background = stands.sum(axis=0) >= _FEWEST_IMAGES
+    least = max(_MOST_OF_IMAGE * seen.sum(axis=1).mean(), moves[shows].sum(axis=1).mean())
+    before = np.concatenate([background[_cells_of(graph, image)[some]] for image, some in enumerate(moving)])
+    return bool(np.count_nonzero(background) > least and before.sum() >= _MOST_OF_MOVING * len(before))
+
+
+def _verified_features(graph: MatchGraph, pairs: Iterable[Pair]) -> list[BoolArray]:
+    """Which features of each image the verified matches of some pairs are of."""
+    verified = [np.zeros(len(features), dtype=np.bool_) for features in graph.features]
+    for pair in pairs:
+        verified[pair.first][pair.verified[:, 0]] = True
+        verified[pair.second][pair.verified[:, 1]] = True
+    return verified
+
+
+def _cells_with(graph: MatchGraph, chosen: Sequence[BoolArray]) -> BoolArray:
+    """(I, cells) which cells of each image hold chosen features."""
+    holds = np.zeros((len(chosen), _CELLS**2), dtype=np.bool_)
+    for image, some in enumerate(chosen):
+        holds[image, _cells_of(graph, image)[some]] = True
+    return holds
+
+
+def _cells_of(graph: MatchGraph, image: int) -> NDArray[np.intp]:
+    """(n,) cell of each feature of an image."""
+    parts = graph.features[image].pixels / graph.photos[image].size
+    column, row = np.clip(parts * _CELLS, 0, _CELLS - 1).astype(np.intp).T
+    return np.asarray(row * _CELLS + column)
+
+
 def _moves_together(graph: MatchGraph, pairs: Sequence[Pair]) -> bool:
     """Whether pairs that moved connect most images: of people before a still camera they do not."""
     moved = [(p.first, p.second) for p in pairs if p.geometry.kind in ("general", "planar")]
@@ -146,6 +221,17 @@ def _stands_where_others_move(
     stands = [dropped[k] & _stands(graph, graph.pairs[k], _NEARLY_STILL_PX) for k in agreeing]
     total = sum(np.count_nonzero(dropped[k]) for k in agreeing)
     return sum(map(np.count_nonzero, stands)) > _LEAST_STILL * total
+
+
+def _warning_of_tripod(still: Sequence[BoolArray]) -> list[str]:
+    """Nothing if it stood in all of the images: that there is no model is told, and why."""
+    images = sum(bool(some.any()) for some in still)
+    if images == len(still):
+        return []
+    return [
+        f"the camera did not move between {images} of {len(still)} images: what moves in them is left out, "
+        "and they tell no depth among themselves; move the camera between photos"
+    ]
 
 
 def _warning(still: Sequence[BoolArray]) -> str:

@@ -21,7 +21,7 @@ from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sources.vision.detectors import find_blobs, find_corners
 from sfmcpp.sources.vision.images import load_cv2
 from sfmcpp.sources.vision.keypoints import SearchImage
-from sfmcpp.sources.vision.photos import read_color, read_mask
+from sfmcpp.sources.vision.photos import read_color, read_mask, read_opaque
 
 FEATURE_KINDS = ("sift", "harris", "shi-tomasi")
 
@@ -65,6 +65,8 @@ class FeatureSettings:
 def detect(photo: Photo, settings: FeatureSettings | None = None) -> Features:
     """Detect and describe features; the same file and settings give the same features.
 
+    Nothing is detected where the mask is black or, in a photo without one, where it is transparent.
+
     Parameters
     ----------
     photo : Photo
@@ -84,7 +86,7 @@ def detect(photo: Photo, settings: FeatureSettings | None = None) -> Features:
     ModuleNotFoundError
         If OpenCV or Pillow is not installed.
     """
-    mask = None if photo.mask is None else read_mask(photo.mask, photo.size, photo.name)
+    mask = read_opaque(photo) if photo.mask is None else read_mask(photo.mask, photo.size, photo.name)
     return detect_in(read_color(photo), mask, settings)
 
 

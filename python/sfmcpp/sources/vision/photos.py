@@ -235,6 +235,14 @@ def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool
         return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2))
 
 
+def read_opaque(photo: Photo) -> NDArray[np.bool_] | None:
+    """Where a photo is not transparent, (height, width); None if it is so nowhere or everywhere."""
+    file = _file_of(photo)
+    with _opened_image(file, _bytes_of(file)) as image:
+        opaque = _decoded(file, image, "RGBA")[:, :, 3] > 0 if _has_transparency(image) else None
+    return opaque if opaque is not None and opaque.any() != opaque.all() else None
+
+
 def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
     """A small copy of a photo, pixels as stored.
 
@@ -284,6 +292,8 @@ def _opened_photo(name: str, file: Path) -> Photo:
     # Pillow warns of damaged EXIF blocks; they count as not there.
     with _opened_image(file, data) as image, without_warnings():
         facts, size = exif_facts(image), image.size
+        # Caches may have features of its transparent parts.
+        key = b"opaque" if _has_transparency(image) else b""
     return Photo(
         name,
         file,
@@ -292,7 +302,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
         camera=facts.camera,
         position=facts.position,
         taken_s=facts.taken_s,
-        digest=blake2b(data, digest_size=_DIGEST_BYTES).hexdigest(),
+        digest=blake2b(data, digest_size=_DIGEST_BYTES, key=key).hexdigest(),
         position_sigmas_m=facts.position_sigmas_m,
     )
 
@@ -370,13 +380,17 @@ def _as_rgb(file: Path, image: Any) -> ColorImage:
     return np.repeat(eight_bits(pixels, white_level(pixels))[:, :, None], 3, axis=2)
 
 
-def _decoded(file: Path, image: Any) -> NDArray[Any]:
-    """Red, green, blue (height, width, 3), or grey levels (height, width) of 16 bits or floats.
+def _has_transparency(image: Any) -> bool:
+    return image.getbands()[-1] == "A" or ("transparency" in image.info and image.mode not in _DEEP_MODES)
+
+
+def _decoded(file: Path, image: Any, mode: str = "RGB") -> NDArray[Any]:
+    """Colours of a mode (height, width, 3 or 4), or grey levels (height, width) of 16 bits or floats.
 
     All is decoded: Pillow, unlike OpenCV, refuses a file that is cut short.
     """
     try:
-        return np.asarray(image if image.mode in ("RGB", *_DEEP_MODES) else image.convert("RGB"))
+        return np.asarray(image if image.mode in (mode, *_DEEP_MODES) else image.convert(mode))
     except Exception as error:  # its decoders raise whatever they stumble over
         raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
 

@@ -64,6 +64,34 @@ def test_a_camera_that_turned_away_gets_no_pose_from_a_few_wrong_matches(
         )
 
 
+def with_two_turned_cameras(graph: MatchGraph, truth: Problem, turned: int) -> MatchGraph:
+    """Like `with_turned_camera`, but what it shares with image 0 it shares with one more image alone."""
+    one, row, new = with_turned_camera(graph, truth, turned), truth.intrinsics[0], len(graph.photos)
+    (link,) = (pair for pair in one.pairs if (pair.first, pair.second) == (0, new))
+    seen = one.features[0].pixels[link.matches[:, 0]]
+    matches = np.column_stack([link.matches[:, 1], np.arange(turned)]).astype(np.int32)
+    geometry = two_view_geometry(one.features[new].pixels[matches[:, 0]], seen, row, row)
+    pairs = [pair for pair in one.pairs if pair is not link] + [Pair(new, new + 1, matches, geometry)]
+    photos = [*one.photos, Photo("other.jpg", size=graph.photos[0].size)]
+    return MatchGraph(photos, [*graph.features, one.features[new], features_at(seen)], pairs)
+
+
+@pytest.mark.parametrize(("turned", "registered"), [(100, True), (8000, False)])
+def test_a_camera_that_turned_with_others_gets_no_place_from_a_few_wrong_matches(
+    turned: int, registered: bool
+) -> None:
+    truth = sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4)
+    graph = with_two_turned_cameras(match_graph(truth, sigma_px=0.3, reach=2), truth, turned)
+    run = reconstruct(graph, camera=1000.0, camera_model="fixed", subpixel=False, gps="none")
+    assert all(run.images[photo.name].registered for photo in graph.photos[:-2])
+    assert not run.images["other.jpg"].registered
+    assert run.images["turned.jpg"].registered == registered
+    if not registered:
+        assert run.images["turned.jpg"].reason.startswith(
+            f"{turned} of its matches are with images of the sa"
+        )
+
+
 def with_a_walker(graph: MatchGraph, truth: Problem, images: list[int], count: int) -> MatchGraph:
     """With `count` matches of image 0 with each of `images`, as if they saw what image 1 does."""
     (near,) = (pair for pair in graph.pairs if (pair.first, pair.second) == (0, 1))

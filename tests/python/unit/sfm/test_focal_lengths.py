@@ -14,6 +14,7 @@ from sfmcpp import InvalidArgument
 from sfmcpp.ba import residuals_px
 from sfmcpp.model import Problem
 from sfmcpp.sfm import SfmRun, reconstruct
+from sfmcpp.sfm.camera_choice import camera_warnings
 from sfmcpp.sfm.cameras import parse_camera_argument
 from sfmcpp.sfm.focal_lengths import settle_focals_by_images, settle_focals_by_positions
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -197,3 +198,13 @@ def test_pixels_that_are_far_from_square_are_warned_of(model: str, warned: bool)
     graph = match_graph(sfmcpp.circle_scene(10, 400, pixel_sigma_px=0.0, seed=4), sigma_px=0.3, reach=2)
     run = reconstruct(graph, camera_model=model, subpixel=False, gps="none")
     assert any("pixels of cameras are square" in text for text in run.warnings) == warned
+
+
+@pytest.mark.parametrize(("focal_px", "warned"), [(64.0, True), (400.0, False), (1e5, True)])
+def test_focal_lengths_that_no_lens_has_are_warned_of(focal_px: float, warned: bool) -> None:
+    graph = match_graph(sfmcpp.circle_scene(4, 200, pixel_sigma_px=0.0, seed=4), sigma_px=0.3, reach=2)
+    (world,) = reconstruct(graph, subpixel=False, gps="none").models
+    world.intrinsics[:, 0] = focal_px
+    cameras = parse_camera_argument("auto").cameras(graph.photos, sharing="auto", model="auto")
+    told = camera_warnings([world], cameras)
+    assert [f"estimated as {focal_px:.0f} px" in text for text in told] == [True] * warned

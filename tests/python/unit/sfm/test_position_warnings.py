@@ -163,6 +163,20 @@ def test_too_few_positions_are_refused_before_the_work_where_they_are_asked_for(
         choose_positions(gps, known, photos)
 
 
+def test_positions_without_heights_are_told_as_that() -> None:
+    places = [(46.0, 9.0 + 0.001 * k, np.nan) for k in range(8)]
+    photos = [Photo(f"{k}.jpg", None, (640, 480), position=place) for k, place in enumerate(places)]
+    told = unused_positions("auto", photos)
+    assert len(told) == 1
+    assert "0 photos have one with a height, 8 without, 5 are needed" in told[0]
+
+
+def test_positions_that_are_all_the_same_are_refused_as_that() -> None:
+    photos = [Photo(f"{k}.jpg", None, (640, 480), position=(46.0, 9.0, 100.0)) for k in range(8)]
+    with pytest.raises(InvalidArgument, match="gps: the positions are all the same"):
+        choose_positions("exif", None, photos)
+
+
 @pytest.mark.parametrize("gps", ["auto", "exif"])
 def test_positions_on_a_line_are_refused_before_the_work_where_they_are_asked_for(gps: str) -> None:
     places = [(46.0, 9.0 + 0.001 * k, 100.0) for k in range(8)]

@@ -9,8 +9,9 @@ import numpy as np
 import sfmcpp
 from sfm_scenes import SIZE, match_graph
 from sfmcpp.geometry import two_view_geometry
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.photos import Features
-from sfmcpp.sfm import MatchGraph, Pair
+from sfmcpp.sfm import MatchGraph, Pair, reconstruct
 from sfmcpp.sfm.front_end import FrontEndSettings
 from sfmcpp.sfm.still_features import without_still_features
 
@@ -22,9 +23,21 @@ def scene(seed: int = 4) -> MatchGraph:
 
 
 def with_frame(graph: MatchGraph, images: int, count: int, move_px: float = 0.0) -> MatchGraph:
-    """With `count` features more in the same place of the first `images`, which all their pairs match."""
-    random = np.random.default_rng(7)
-    places = random.uniform(0, 1, (count, 2)) * SIZE
+    """With `count` features more in the same place at the border, see `with_still`."""
+    places = np.random.default_rng(7).uniform(0, 1, (count, 2))
+    side = np.arange(count) % 2
+    places[np.arange(count), side] = 0.15 * places[np.arange(count), side] + 0.85 * (np.arange(count) % 4 > 1)
+    return with_still(graph, images, places * SIZE, move_px)
+
+
+def with_background(graph: MatchGraph, images: int, count: int) -> MatchGraph:
+    """With `count` features more in the same place anywhere, see `with_still`."""
+    return with_still(graph, images, np.random.default_rng(7).uniform(0, 1, (count, 2)) * SIZE)
+
+
+def with_still(graph: MatchGraph, images: int, places: FloatArray, move_px: float = 0.0) -> MatchGraph:
+    """With features more at `places` (n, 2) of the first `images`, which all their pairs match."""
+    random, count = np.random.default_rng(7), len(places)
     features = []
     for image, before in enumerate(graph.features):
         pixels = places + random.normal(0, 0.15, places.shape) + move_px * image
@@ -72,11 +85,27 @@ def test_what_stands_still_in_few_images_or_moves_stays() -> None:
         assert not told
 
 
-def test_a_camera_that_stood_still_keeps_its_matches() -> None:
+def test_a_camera_that_stood_still_keeps_what_stood() -> None:
     graph = scene()
-    only = with_frame(
-        replace(graph, pairs=[replace(p, matches=p.matches[:5]) for p in graph.pairs]), IMAGES, 1200
-    )
-    found, told = left(only)
-    assert found is only
-    assert not told
+    few = replace(graph, pairs=[replace(p, matches=p.matches[:5]) for p in graph.pairs])
+    for before in (few, graph):
+        found, told = left(with_background(before, IMAGES, 1200))
+        assert {pair.geometry.kind for pair in found.pairs} == {"rotation"}
+        assert all((pair.matches >= 200).mean() > 0.99 for pair in found.pairs)
+        assert all(pair.num_verified > 1150 for pair in found.pairs)
+        assert not told
+        run = reconstruct(found)
+        assert not run.models
+        why = "no model: the camera did not move between these images; move it between photos"
+        assert run.warnings == [why]
+
+
+def test_what_passes_before_a_camera_that_stood_is_left_out_between_its_images_alone() -> None:
+    graph = scene()
+    found, told = left(with_background(graph, 6, 1200))
+    for pair, before in zip(found.pairs, graph.pairs, strict=True):
+        stood = pair.second < 6
+        assert pair.geometry.kind == ("rotation" if stood else "general")
+        assert stood or len(pair.matches) == len(before.matches)
+    assert len(told) == 1
+    assert f"the camera did not move between 6 of {IMAGES} images" in told[0]

@@ -15,7 +15,7 @@ from sfmcpp.sources.vision import FEATURE_KINDS, FeatureSettings, detect, detect
 from textured_photos import blobs, cut_short, texture, write_photo
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
-pytest.importorskip("PIL", reason="Pillow is not installed: pip install 'sfmcpp[vision]'")
+Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed: pip install 'sfmcpp[vision]'")
 
 COLUMNS = ("pixels", "scales", "angles", "colors", "descriptors")
 # Not on a grid of pixels, and on both sides of where tiles meet.
@@ -203,6 +203,27 @@ def test_a_file_gives_what_its_pixels_and_mask_give(tmp_path: Path) -> None:
     write_photo(tmp_path / "masks/a.png", mask)
     (photo,) = open_photos(tmp_path / "photos", masks=tmp_path / "masks").photos
     assert_same(detect(photo), detect_in(picture, mask[:, :, 0] > 0))
+
+
+@pytest.mark.parametrize(("left", "right", "masked"), [(0, 1, True), (0, 0, False), (255, 255, False)])
+def test_nothing_is_detected_where_a_photo_is_transparent_unless_all_of_it_is(
+    tmp_path: Path, left: int, right: int, masked: bool
+) -> None:
+    picture, light = texture(200, 300), np.zeros((200, 300), np.bool_)
+    light[:, 100:] = True
+    alpha = np.where(light, right, left).astype(np.uint8)
+    Image.fromarray(np.dstack([picture, alpha])).save(tmp_path / "a.png")
+    (photo,) = open_photos(tmp_path).photos
+    assert_same(detect(photo), detect_in(picture, light if masked else None))
+
+
+def test_a_mask_holds_for_a_transparent_photo_too(tmp_path: Path) -> None:
+    picture = texture(200, 300)
+    (tmp_path / "photos").mkdir()
+    Image.fromarray(np.dstack([picture, np.eye(200, 300, dtype=np.uint8)])).save(tmp_path / "photos/a.png")
+    write_photo(tmp_path / "masks/a.png", np.full_like(picture, 255))
+    (photo,) = open_photos(tmp_path / "photos", masks=tmp_path / "masks").photos
+    assert_same(detect(photo), detect_in(picture))
 
 
 def test_a_truncated_photo_is_named_and_not_filled_with_grey(tmp_path: Path) -> None:
