@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,13 @@ _DENSE_ENOUGH = 100_000
 _DISTORTED = len(PERSPECTIVE)
 
 
+class RightUse(NamedTuple):
+    """In how many frames right images are used, and how many corners they show there on average."""
+
+    frames: int
+    corners: float
+
+
 class FrameSource(ABC):
     """Source of frames, one after the other.
 
@@ -47,6 +54,8 @@ class FrameSource(ABC):
         What makes their times doubtful, a sentence.
     camera_doubt : str or None
         What makes the intrinsics doubtful, a sentence.
+    right_use : RightUse or None
+        How much right images show, of those looked at so far; None where there are none.
     right_doubts : sequence of str
         What makes right images doubtful, or which are left out, in sentences, once all frames have been seen.
     image_size : tuple of int or None
@@ -69,6 +78,7 @@ class FrameSource(ABC):
     assumed_fps: float | None = None
     doubt: str | None = None
     camera_doubt: str | None = None
+    right_use: RightUse | None = None
     right_doubts: Sequence[str] = ()
     image_size: tuple[int, int] | None = None
     image_names: Sequence[str] = ()

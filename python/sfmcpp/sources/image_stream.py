@@ -24,7 +24,7 @@ from sfmcpp.sources.cameras import (
     size_that_fits,
 )
 from sfmcpp.sources.frame_times import TimeOf, require_as_many, times_of_images
-from sfmcpp.sources.frames import FrameSource
+from sfmcpp.sources.frames import FrameSource, RightUse
 from sfmcpp.sources.io.calibration import Calibration
 from sfmcpp.sources.io.trajectories import read_trajectory
 from sfmcpp.sources.right_images import RightImages
@@ -132,6 +132,11 @@ class ImageStream(FrameSource):
     def unreadable(self) -> Mapping[str, str]:
         """Reason for each image left out so far because it cannot be read, by its name."""
         return self._images.unreadable
+
+    @property
+    def right_use(self) -> RightUse | None:  # type: ignore[override]
+        """As of :class:`FrameSource`."""
+        return None if self._right is None else self._right.use
 
     @property
     def right_doubts(self) -> Sequence[str]:  # type: ignore[override]

@@ -21,6 +21,7 @@ from sfmcpp.geometry.pinhole import mean_focal_px, to_normalised, to_pixels
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.frames import RightView, View
 from sfmcpp.sources.frame_times import times_of_names
+from sfmcpp.sources.frames import RightUse
 from sfmcpp.sources.stereo_pair import StereoPair
 from sfmcpp.sources.vision import Frames, KltSettings
 from sfmcpp.sources.vision.images import GreyImage
@@ -49,6 +50,8 @@ class _Tally:
     corners: int = 0
     found: int = 0
     frames: int = 0
+    used: int = 0
+    seen: int = 0
     alone: list[int] = field(default_factory=list)
     off_line_px: list[float] = field(default_factory=list)
     behind: int = 0
@@ -132,6 +135,7 @@ class RightImages:
         fits = on_line & (self._disparities_px(nearness) >= -_BEHIND_PX)
         if not self._is_pair(good, on_line, fits, off_px):
             return None
+        self._tally.used, self._tally.seen = self._tally.used + 1, self._tally.seen + np.count_nonzero(fits)
         self._tracks, self._nearness = view.tracks[fits], nearness[fits].clip(min=0.0)
         pixels = np.full((len(good), 2), np.nan)
         pixels[fits] = to_pixels(turned[fits], self.pair.left)
@@ -169,6 +173,11 @@ class RightImages:
             f"shows what {self._left.path} shows shifted to the wrong side: everything would be behind the "
             "cameras; swap the left and the right images, if they were taken at one time"
         )
+
+    @property
+    def use(self) -> RightUse:
+        """How much the right images looked at so far show."""
+        return RightUse(self._tally.used, self._tally.seen / max(self._tally.used, 1))
 
     @property
     def doubts(self) -> Sequence[str]:

@@ -98,6 +98,7 @@ class SlamReport(ReportTable):
                 "tracks": frames.num_tracks,
                 "corners": frames.corners,
                 "assumed_fps": frames.assumed_fps,
+                "right_images": frames.right_use and frames.right_use._asdict(),
             },
             "settings": asdict(run.settings),
             "sensors": run.sensors,
@@ -173,6 +174,9 @@ class SlamReport(ReportTable):
             each = 1e3 * frames.seconds / max(run.frames, 1)
             text = f"{frames.seconds:.3f} s of these for images and corners, {each:.3g} ms per image"
             yield "images", text
+        if frames.right_use is not None:
+            used, corners = frames.right_use
+            yield "right images", f"used in {used:,} of {run.frames:,} frames, {corners:.0f} corners in each"
         if run.result.final is not None:
             yield "final", run.result.final.describe()
         if run.sensors:

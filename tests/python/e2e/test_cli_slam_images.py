@@ -154,7 +154,12 @@ def test_right_images_beside_make_metres(tmp_path: Path) -> None:
     poses = write_rectified(tmp_path, 6)
     result = run_here("slam", "image_0", "--stereo", "-o", "out", cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
-    assert strict_json(tmp_path / "out/report.json")["warnings"] == []
+    report = strict_json(tmp_path / "out/report.json")
+    assert report["warnings"] == []
+    used = report["input"]["right_images"]
+    assert used["frames"] == 6
+    assert 0 < used["corners"] <= report["input"]["tracks"]
+    assert f"right images    used in 6 of 6 frames, {used['corners']:.0f} corners in each" in result.stdout
     found = read_trajectory(tmp_path / "out/trajectory.txt")
     true_m = np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1).sum()
     assert found.length_m == pytest.approx(true_m, rel=0.02)
