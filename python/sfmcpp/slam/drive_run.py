@@ -199,6 +199,7 @@ def run(
     listener = _Listener(callback)
     result = run_slam(drive.frames, settings, used, listener, checkpoint, resume)
     result.warnings.extend(_doubts_of_frames(drive.frames, used))
+    result.warnings.extend(_doubt_of_right_images(drive.frames, result))
     result.warnings.extend(doubts_of_units(used))
     result.warnings.extend(_losses(drive.frames))
     result.warnings.extend(_repeats(drive.frames))
@@ -221,6 +222,15 @@ def _doubts_of_frames(frames: FrameSource, sensors: Sequence[MotionSensor]) -> I
         yield f"{frames.assumption}; where that is wrong, so are the scale and the clocks of the sensors"
     yield from (doubt for doubt in (frames.doubt, frames.camera_doubt) if doubt is not None)
     yield from frames.right_doubts
+
+
+def _doubt_of_right_images(frames: FrameSource, result: SlamResult) -> Iterator[str]:
+    """Warn where right images are used, but show nothing nearer than infinity."""
+    if frames.right_use is not None and frames.right_use.frames and not result.metric:
+        yield (
+            "right images give no metric scale: nothing in them is shifted against the left ones; all is too "
+            "far away for the baseline, or they are of the same camera"
+        )
 
 
 def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:

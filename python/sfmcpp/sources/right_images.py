@@ -105,12 +105,17 @@ class RightImages:
         Raises
         ------
         DatasetError
-            If a right image cannot be read, or the first ones have everything behind the cameras.
+            If a right image cannot be read or is the left one, or the first ones have everything behind the
+            cameras.
         """
         other = self._partner_of(number)
         if other is None:
             self._tally.alone.append(number)
             return view
+        if len(view.tracks) and np.array_equal(image, other):
+            raise DatasetError(
+                self.images.path, f"shows the images of {self._left.path}: must be another camera"
+            )
         pixels = self._seen(image, other, view)
         right = None if pixels is None else RightView(pixels, self.pair.centre_m)
         return View(view.tracks, view.pixels, right)
@@ -135,7 +140,7 @@ class RightImages:
         fits = on_line & (self._disparities_px(nearness) >= -_BEHIND_PX)
         if not self._is_pair(good, on_line, fits, off_px):
             return None
-        self._tally.used, self._tally.seen = self._tally.used + 1, self._tally.seen + np.count_nonzero(fits)
+        self._tally.used, self._tally.seen = self._tally.used + 1, self._tally.seen + int(fits.sum())
         self._tracks, self._nearness = view.tracks[fits], nearness[fits].clip(min=0.0)
         pixels = np.full((len(good), 2), np.nan)
         pixels[fits] = to_pixels(turned[fits], self.pair.left)

@@ -163,6 +163,23 @@ def test_cameras_told_the_other_way_round_need_not_be_swapped(street: Path) -> N
     np.testing.assert_allclose(frames[0].view.right.centre_m, [-BASELINE_M, 0.0, 0.0], rtol=0, atol=1e-12)
 
 
+def test_left_images_are_no_right_ones(street: Path) -> None:
+    rule = "image_0: shows the images of .*image_0: must be another camera"
+    with pytest.raises(DatasetError, match=rule):
+        frames_of(street, right=street / "image_0", baseline_m=BASELINE_M)
+
+
+def test_right_images_that_shift_nothing_give_no_scale_and_it_is_said(street: Path, tmp_path: Path) -> None:
+    def brighter(number: int, file: Path) -> bytes:
+        image = cv2.imread(str(street / "image_0" / file.name), cv2.IMREAD_GRAYSCALE)
+        return cv2.imencode(".png", np.clip(image + 1.0, 0, 255).astype(np.uint8))[1].tobytes()
+
+    right = altered(street, tmp_path / "right", brighter)
+    run = slam.run(street / "image_0", right=right, baseline_m=BASELINE_M)
+    assert not run.result.metric
+    assert any(told.startswith("right images give no metric scale") for told in run.result.warnings)
+
+
 def test_right_images_of_another_size_are_refused(street: Path, tmp_path: Path) -> None:
     small = cv2.imencode(".png", np.zeros((180, 240), np.uint8))[1].tobytes()
     right = altered(street, tmp_path / "right", lambda *_: small)
