@@ -362,10 +362,11 @@ class Growth:
         Nearly all of their matches are with images that tell how it turned, and have no place themselves.
         """
         world, graph = self.world, self._scene.graph
-        wrong = []
+        wrong, placed = [], (world.registered | self._elsewhere).tolist()
         for image in np.flatnonzero(world.registered & ~self._elsewhere).tolist():
             pairs = graph.verified_pairs[image]
-            turned = sum(pair.num_verified for pair in pairs if self._turned_without_place(pair))
+            without = [p for p in pairs if not (placed[p.first] and placed[p.second])]
+            turned = sum(p.num_verified for p in without if p.geometry.kind in ("planar", "rotation"))
             if turned and self._agreeing(image, pairs) < _LEAST_OF_TURNED * turned:
                 wrong.append(image)
                 self.reasons[image] = (
@@ -373,10 +374,6 @@ class Growth:
                     "any with the model: move the camera between photos"
                 )
         world.poses[wrong] = np.nan
-
-    def _turned_without_place(self, pair: Pair) -> bool:
-        placed = self.world.registered | self._elsewhere
-        return pair.geometry.kind in ("planar", "rotation") and not placed[[pair.first, pair.second]].all()
 
     def _agreeing(self, image: int, pairs: Sequence[Pair]) -> int:
         """How many matches of an image with images of other places agree with its pose."""

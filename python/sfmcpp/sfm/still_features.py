@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.geometry import two_view_geometry
 from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
 from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
 from sfmcpp.sfm.front_end import FrontEndSettings, Intrinsics, estimated_geometry
@@ -78,7 +77,7 @@ def without_still_features(
     pairs = list(graph.pairs)
     for number, pair in zip(dropped, anew, strict=True):
         pairs[number] = pair
-    standing = _standing_pairs(graph, still)
+    standing = _standing_pairs(graph, still, settings)
     if _camera_stood(graph, [pairs[number] for number in standing], standing.values()):
         pairs = [standing.get(number, pair) for number, pair in enumerate(graph.pairs)]
         return replace(graph, pairs=pairs), _warning_of_tripod(still)
@@ -141,27 +140,33 @@ def _is_small(parts: NDArray[np.int32], pixels: FloatArray) -> BoolArray:
     return np.asarray((high + minus_low).max(axis=1)[parts] <= 2 * _STILL_PX)
 
 
+def _of_still(pair: Pair, still: Sequence[BoolArray]) -> BoolArray:
+    """Which matches of a pair are of a still feature."""
+    return np.asarray(still[pair.first][pair.matches[:, 0]] | still[pair.second][pair.matches[:, 1]])
+
+
 def _is_dropped(graph: MatchGraph, pair: Pair, still: Sequence[BoolArray]) -> BoolArray:
-    known = still[pair.first][pair.matches[:, 0]] | still[pair.second][pair.matches[:, 1]]
-    return np.asarray(known | _stands(graph, pair, _NEARLY_STILL_PX))
+    return _of_still(pair, still) | _stands(graph, pair, _NEARLY_STILL_PX)
 
 
-def _standing_pairs(graph: MatchGraph, still: Sequence[BoolArray]) -> dict[int, Pair]:
+def _standing_pairs(
+    graph: MatchGraph, still: Sequence[BoolArray], settings: FrontEndSettings
+) -> dict[int, Pair]:
     """Those in which most of the still features stand, with what stands alone, by their numbers."""
     found, shows = {}, [bool(some.any()) for some in still]
     for number, pair in enumerate(graph.pairs):
-        known = still[pair.first][pair.matches[:, 0]] | still[pair.second][pair.matches[:, 1]]
-        stands = _stands(graph, pair, _STILL_PX)
-        stood = np.count_nonzero(known & stands) >= _LEAST_STILL * np.count_nonzero(known)
-        if shows[pair.first] and shows[pair.second] and stood:
-            found[number] = _as_unmoved(graph, replace(pair, matches=pair.matches[stands]))
+        if not (shows[pair.first] and shows[pair.second]):
+            continue
+        known, stands = _of_still(pair, still), _stands(graph, pair, _STILL_PX)
+        if np.count_nonzero(known & stands) >= _LEAST_STILL * np.count_nonzero(known):
+            found[number] = _as_unmoved(graph, replace(pair, matches=pair.matches[stands]), settings)
     return found
 
 
-def _as_unmoved(graph: MatchGraph, pair: Pair) -> Pair:
+def _as_unmoved(graph: MatchGraph, pair: Pair, settings: FrontEndSettings) -> Pair:
     """With the geometry of an image and itself: noise must not make a plane of it."""
-    pixels = graph.features[pair.first].pixels[pair.matches[:, 0]]
-    return replace(pair, geometry=two_view_geometry(pixels, pixels))
+    image, itself = graph.features[pair.first], pair.matches[:, [0, 0]]
+    return replace(pair, geometry=estimated_geometry(image, image, None, None, itself, settings))
 
 
 def _camera_stood(graph: MatchGraph, moved: Iterable[Pair], standing: Iterable[Pair]) -> bool:
@@ -170,7 +175,7 @@ def _camera_stood(graph: MatchGraph, moved: Iterable[Pair], standing: Iterable[P
     Beside a frame or on a turntable, what moves is where nothing ever stands still; under a watermark, it
     covers more of the images than what does.
     """
-    moving = _verified_features(graph, [p for p in moved if p.geometry.kind in ("general", "planar")])
+    moving = _verified_features(graph, _that_moved(moved))
     stands, moves = (_cells_with(graph, some) for some in (_verified_features(graph, standing), moving))
     shows = stands.any(axis=1)
     if not shows.any():
@@ -206,9 +211,13 @@ def _cells_of(graph: MatchGraph, image: int) -> NDArray[np.intp]:
     return np.asarray(row * _CELLS + column)
 
 
+def _that_moved(pairs: Iterable[Pair]) -> list[Pair]:
+    return [pair for pair in pairs if pair.geometry.kind in ("general", "planar")]
+
+
 def _moves_together(graph: MatchGraph, pairs: Sequence[Pair]) -> bool:
     """Whether pairs that moved connect most images: of people before a still camera they do not."""
-    moved = [(p.first, p.second) for p in pairs if p.geometry.kind in ("general", "planar")]
+    moved = [(pair.first, pair.second) for pair in _that_moved(pairs)]
     parts = connected_parts(np.array(moved, dtype=np.intp).reshape(-1, 2), len(graph.photos))
     return bool(np.bincount(parts).max() > _MOST_OF_IMAGES * len(graph.photos))
 

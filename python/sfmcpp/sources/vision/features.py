@@ -21,7 +21,7 @@ from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sources.vision.detectors import find_blobs, find_corners
 from sfmcpp.sources.vision.images import load_cv2
 from sfmcpp.sources.vision.keypoints import SearchImage
-from sfmcpp.sources.vision.photos import read_color, read_mask, read_opaque
+from sfmcpp.sources.vision.photos import read_color_and_opaque, read_mask
 
 FEATURE_KINDS = ("sift", "harris", "shi-tomasi")
 
@@ -86,8 +86,9 @@ def detect(photo: Photo, settings: FeatureSettings | None = None) -> Features:
     ModuleNotFoundError
         If OpenCV or Pillow is not installed.
     """
-    mask = read_opaque(photo) if photo.mask is None else read_mask(photo.mask, photo.size, photo.name)
-    return detect_in(read_color(photo), mask, settings)
+    pixels, opaque = read_color_and_opaque(photo)
+    mask = opaque if photo.mask is None else read_mask(photo.mask, photo.size, photo.name)
+    return detect_in(pixels, mask, settings)
 
 
 def detector_version() -> str:

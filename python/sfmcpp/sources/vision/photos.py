@@ -176,8 +176,7 @@ def read_gray(photo: Photo) -> GreyImage:
     DatasetError
         If the file is gone, cut short or otherwise not to be decoded, or has become another size.
     """
-    gray: GreyImage = load_cv2().cvtColor(read_color(photo), load_cv2().COLOR_RGB2GRAY)
-    return gray
+    return np.asarray(load_cv2().cvtColor(read_color(photo), load_cv2().COLOR_RGB2GRAY))
 
 
 def read_color(photo: Photo) -> ColorImage:
@@ -198,13 +197,18 @@ def read_color(photo: Photo) -> ColorImage:
     DatasetError
         If the file is gone, cut short or otherwise not to be decoded, or has become another size.
     """
+    return read_color_and_opaque(photo)[0]
+
+
+def read_color_and_opaque(photo: Photo) -> tuple[ColorImage, NDArray[np.bool_] | None]:
+    """As :func:`read_color`, and where it is not transparent; None if it is so nowhere or everywhere."""
     file = _file_of(photo)
     with _opened_image(file, _bytes_of(file)) as image:
-        pixels = _as_rgb(file, image)
+        pixels, opaque = _as_rgb(file, image), _opaque(file, image)
     if pixels.shape[1::-1] != photo.size:
         now, then = "×".join(map(str, pixels.shape[1::-1])), "×".join(map(str, photo.size))
         raise DatasetError(file, f"has {now} pixels now, and had {then} when the folder was opened")
-    return pixels
+    return pixels, opaque
 
 
 def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool_]:
@@ -233,14 +237,6 @@ def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool
         _require_mask_size(file, image.size, size, masked)
         pixels = _decoded(file, image)
         return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2))
-
-
-def read_opaque(photo: Photo) -> NDArray[np.bool_] | None:
-    """Where a photo is not transparent, (height, width); None if it is so nowhere or everywhere."""
-    file = _file_of(photo)
-    with _opened_image(file, _bytes_of(file)) as image:
-        opaque = _decoded(file, image, "RGBA")[:, :, 3] > 0 if _has_transparency(image) else None
-    return opaque if opaque is not None and opaque.any() != opaque.all() else None
 
 
 def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
@@ -378,6 +374,11 @@ def _as_rgb(file: Path, image: Any) -> ColorImage:
     if pixels.ndim == 3:
         return pixels
     return np.repeat(eight_bits(pixels, white_level(pixels))[:, :, None], 3, axis=2)
+
+
+def _opaque(file: Path, image: Any) -> NDArray[np.bool_] | None:
+    opaque = _decoded(file, image, "RGBA")[:, :, 3] > 0 if _has_transparency(image) else None
+    return opaque if opaque is not None and opaque.any() != opaque.all() else None
 
 
 def _has_transparency(image: Any) -> bool:
