@@ -88,7 +88,7 @@ def test_the_report_is_plain_and_holds_no_curves() -> None:
     report = measured().to_dict()
     assert json.loads(json.dumps(report)) == report
     counts = {"path": "drive.csv", "frames": 4, "tracks": 4}
-    assert report["input"] == {**counts, "corners": None, "assumed_fps": None}
+    assert report["input"] == {**counts, "corners": None, "assumed_fps": None, "right_images": None}
     assert report["lost_frames"] == [2]
     assert report["restart_frames"] == [3]
     assert report["keyframes"][1] == {
