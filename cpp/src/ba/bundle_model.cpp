@@ -96,7 +96,7 @@ bool BundleModel::moves_intrinsics_far(const State& start, const State& candidat
 }
 
 void BundleModel::hold_intrinsics(bool held) {
-  normal_.hold(held ? late_intrinsics_.columns() : std::vector<char>{});
+  normal_.hold_intrinsics(held);
 }
 
 bool BundleModel::sharpen(State& state) { return loss_stages_ && loss_stages_->sharpen(state); }

@@ -27,16 +27,15 @@ double relative_change(double from, double to) {
 LateIntrinsics::LateIntrinsics(const Problem& problem,
                                const linear::ParameterMap& map,
                                std::span<const int> free_intrinsics) {
-  if (free_intrinsics.empty() || problem.camera_model.function() != nullptr) return;
-  columns_.resize(static_cast<std::size_t>(map.num_columns));
+  if (free_intrinsics.empty() || free_intrinsics[0] != 0) return;
+  if (problem.camera_model.function() != nullptr) return;
+  std::vector<char> counted(static_cast<std::size_t>(map.num_columns));
   const int begin = camera_tangent(problem.camera_model);
   for (int i = 0; i < problem.num_cameras(); ++i) {
     const int* columns = map.columns_of(i) + begin;
-    for (std::size_t k = 0; k < free_intrinsics.size(); ++k) {
-      if (columns[k] == linear::kNoColumn || columns_[columns[k]] != 0) continue;
-      columns_[columns[k]] = 1;
-      if (free_intrinsics[k] == 0) focal_lengths_.push_back(problem.intrinsics_offset(i));
-    }
+    if (columns[0] == linear::kNoColumn || counted[columns[0]] != 0) continue;
+    counted[columns[0]] = 1;
+    focal_lengths_.push_back(problem.intrinsics_offset(i));
   }
 }
 

@@ -52,6 +52,7 @@ class Builder {
       map_.free_point[p] = !problem_.is_fixed_point(p) && graph_.observations_of_point(p) > 0;
     }
     map_.block_begin.push_back(map_.num_columns);
+    map_.is_intrinsic.resize(map_.num_columns);
     return std::move(map_);
   }
 
@@ -91,6 +92,8 @@ class Builder {
     for (std::size_t k = 0; k < intrinsics_.size(); ++k) {
       if (problem_.is_fixed_intrinsic(problem_.row_offset(group) + intrinsics_[k])) continue;
       for (int camera : cameras) column(camera, tangent_ + static_cast<int>(k)) = next_column_;
+      map_.is_intrinsic.resize(next_column_);
+      map_.is_intrinsic.push_back(1);
       ++next_column_;
     }
   }

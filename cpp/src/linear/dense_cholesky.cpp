@@ -203,8 +203,9 @@ bool DenseCholesky::factorize(ThreadPool& pool) {
 }
 
 void DenseCholesky::solve(std::span<double> x) const {
-  kernels_.forward(matrix_.data(), ld_, size_, size_, x.data());
-  kernels_.backward(matrix_.data(), ld_, size_, size_, x.data());
+  const auto size = static_cast<int>(x.size());
+  kernels_.forward(matrix_.data(), ld_, size, size, x.data());
+  kernels_.backward(matrix_.data(), ld_, size, size, x.data());
 }
 
 void DenseCholesky::solve(Eigen::MatrixXd& x, ThreadPool& pool) const {

@@ -47,7 +47,7 @@ ExplicitSchurSolver::~ExplicitSchurSolver() = default;
 LinearSolveResult ExplicitSchurSolver::solve(const Damping& damping,
                                              Step& step,
                                              const std::function<bool()>&) {
-  if (!factorize(damping)) return {};
+  if (!has_factors_of(damping) && !factorize(damping)) return {};
   set_rhs(step.camera);
   if (!solve_reduced(step.camera)) return {};
   elimination_.back_substitute(step);
@@ -67,17 +67,29 @@ bool ExplicitSchurSolver::solve_again(Unknowns unknowns,
   return true;
 }
 
+// Of all unknowns, while the intrinsics are held: the part of the poses serves as it is.
+bool ExplicitSchurSolver::has_factors_of(const Damping& damping) const {
+  return normal_.holds_intrinsics() && reduced_->has_poses_first() &&
+         factored_ == normal_.damped(damping);
+}
+
 bool ExplicitSchurSolver::factorize(const Damping& damping) {
+  factored_.reset();
   elimination_.factor(damping);
   normal_.get_camera_damping(damping, damping_);
   if (!normal_.exchange().is_root()) std::ranges::fill(damping_, 0.0);
   reduced_->start(damping_);
   form();
   reduced_->sum_over(normal_.exchange());
-  return reduced_->factorize();
+  if (!reduced_->factorize()) return false;
+  factored_ = normal_.damped(damping);
+  return true;
 }
 
-bool ExplicitSchurSolver::solve_reduced(std::vector<double>& x) { return reduced_->solve(x); }
+bool ExplicitSchurSolver::solve_reduced(std::vector<double>& x) {
+  const bool poses_alone = normal_.holds_intrinsics() && reduced_->has_poses_first();
+  return poses_alone ? reduced_->solve_poses(x) : reduced_->solve(x);
+}
 void ExplicitSchurSolver::solve_reduced(Eigen::MatrixXd& x) { reduced_->solve_columns(x); }
 Eigen::MatrixXd ExplicitSchurSolver::inverse_product(const Eigen::SparseMatrix<double>& x,
                                                      int worker) {

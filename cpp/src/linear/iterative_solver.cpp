@@ -91,7 +91,7 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
 
 // A step with other columns held has the same S but for λD.
 void IterativeSolver::form(const Damping& damping) {
-  const Formed wanted{normal_.num_linearizations(), damping};
+  const DampedSystem wanted = normal_.damped(damping);
   if (formed_ == wanted) return;
   formed_.reset();  // whatever stops the work
   elimination_.factor(damping);

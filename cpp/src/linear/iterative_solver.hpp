@@ -37,12 +37,6 @@ class IterativeSolver final : public LinearSolver {
                   const LinearSolverOptions& options,
                   const std::shared_ptr<const ReducedStructure>& structure,
                   const CameraGroups& groups);
-  // What S and the factors of the points are of.
-  struct Formed {
-    long linearization;
-    Damping damping;
-    bool operator==(const Formed&) const = default;
-  };
   void form(const Damping& damping);
   ConjugateGradientResult correct(const Vector& residual,
                                   double tolerance,
@@ -68,7 +62,7 @@ class IterativeSolver final : public LinearSolver {
   std::unique_ptr<DistributedProduct> unrounded_;  // where it is needed
   SchurPreconditioner preconditioner_;
   ConjugateGradients conjugate_gradients_;
-  std::optional<Formed> formed_;
+  std::optional<DampedSystem> formed_;  // what S and the factors of the points are of
   Vector damping_, whole_rhs_;  // of all ranks' columns: λD, and the right-hand side
   Vector diagonal_;  // λD of this rank's columns, as all vectors but those of the preconditioner
   Vector rhs_, solution_;

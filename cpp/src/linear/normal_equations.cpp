@@ -272,7 +272,8 @@ void NormalEquations::get_camera_damping(const Damping& damping,
 
 double NormalEquations::damping_of(std::size_t column, const Damping& damping) const {
   const double entry = camera_diagonal_[column];
-  return !held_.empty() && held_[column] != 0 ? kHeldDamping(entry) : damping(entry);
+  const bool is_held = holds_intrinsics_ && map_.is_intrinsic[column] != 0;
+  return is_held ? kHeldDamping(entry) : damping(entry);
 }
 
 double NormalEquations::max_diagonal() const {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "sfmcpp/linear/block_layout.hpp"
 #include "sfmcpp/linear/dense_cholesky.hpp"
@@ -23,20 +24,39 @@ SparseEntries entries_of(const Eigen::SparseMatrix<double>& x, const Place& plac
   return entries;
 }
 
+bool is_finite(const std::vector<double>& x) {
+  return std::ranges::all_of(x, [](double value) { return std::isfinite(value); });
+}
+
 class DenseReducedSolver final : public ReducedSolver {
  public:
-  DenseReducedSolver(const ReducedStructure& structure, const ParameterMap& map, ThreadPool& pool)
-      : ReducedSolver(structure.pattern, map), pool_(pool), cholesky_(map.num_columns) {}
+  DenseReducedSolver(const ReducedStructure& structure,
+                     std::unique_ptr<const PosesFirst> order,
+                     ThreadPool& pool)
+      : ReducedSolver(structure.pattern, order->map),
+        pool_(pool),
+        order_(std::move(order)),
+        cholesky_(map().num_columns) {}
 
   void start(const std::vector<double>& diagonal) override {
     cholesky_.set_zero(pool_);
-    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(k, k) = diagonal[k];
+    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(place(k), place(k)) = diagonal[k];
   }
   bool factorize() override { return cholesky_.factorize(pool_); }
-  void solve_columns(Eigen::MatrixXd& x) override { cholesky_.solve(x, pool_); }
+  void solve_columns(Eigen::MatrixXd& x) override {
+    Eigen::MatrixXd placed(x.rows(), x.cols());
+    for (int k = 0; k < cholesky_.size(); ++k) placed.row(place(k)) = x.row(k);
+    cholesky_.solve(placed, pool_);
+    for (int k = 0; k < cholesky_.size(); ++k) x.row(k) = placed.row(place(k));
+  }
   Eigen::MatrixXd inverse_product(const Eigen::SparseMatrix<double>& x, int) override {
-    const auto same = [](int column) { return column; };
-    return cholesky_.inverse_product(entries_of(x, same), static_cast<int>(x.cols()));
+    const auto place_of = [this](int column) { return place(column); };
+    return cholesky_.inverse_product(entries_of(x, place_of), static_cast<int>(x.cols()));
+  }
+  bool has_poses_first() const override { return true; }
+  bool solve_poses(std::vector<double>& x) override {
+    solve_leading(order_->num_poses, x);
+    return is_finite(x);
   }
   double log_determinant() const override { return cholesky_.log_determinant(); }
 
@@ -48,10 +68,22 @@ class DenseReducedSolver final : public ReducedSolver {
                 map().block_begin[row_block] + cholesky_.stride() * map().block_begin[column_block],
             .stride = cholesky_.stride()};
   }
-  void solve_in_place(std::vector<double>& x) override { cholesky_.solve(x); }
+  void solve_in_place(std::vector<double>& x) override { solve_leading(cholesky_.size(), x); }
+
+  // The others are zero.
+  void solve_leading(int columns, std::vector<double>& x) {
+    placed_.resize(x.size());
+    for (int k = 0; k < cholesky_.size(); ++k) placed_[place(k)] = x[k];
+    cholesky_.solve(std::span(placed_).first(columns));
+    std::fill(placed_.begin() + columns, placed_.end(), 0.0);
+    for (int k = 0; k < cholesky_.size(); ++k) x[k] = placed_[place(k)];
+  }
+  int place(int column) const { return order_->place[column]; }
 
   ThreadPool& pool_;
+  std::unique_ptr<const PosesFirst> order_;
   DenseCholesky cholesky_;
+  std::vector<double> placed_;  // a right-hand side
 };
 
 class SparseReducedSolver final : public ReducedSolver {
@@ -132,11 +164,49 @@ void for_each_entry(
   }
 }
 
+// The same column by column, with the rows unrolled: the compiler knows where they lie.
+template <int kSize, int kFirst, class Segment, class F, int... kRow>
+void for_each_entry(std::integer_sequence<int, kRow...>,
+                    const Segment& rows,
+                    const Segment& columns,
+                    const double* block,
+                    const F& f) {
+  constexpr int kPlace[] = {panel_index(kSize, kFirst + kRow, 0)...};
+  constexpr int kStride[] = {panel_index(kSize, kFirst + kRow, 1) - kPlace[kRow]...};
+  for (int c = 0; c < columns.length; ++c) {
+    const int column = columns.first + c;
+    (f(rows.offset + kRow, columns.offset + c, block[kPlace[kRow] + kStride[kRow] * column]), ...);
+  }
+}
+
+template <int kSize, int kFirst, int kLength, class Segment, class F>
+bool unrolled(
+    const Segment& rows, const Segment& columns, int size, const double* block, const F& f) {
+  if (size != kSize || rows.first != kFirst || rows.length != kLength) return false;
+  for_each_entry<kSize, kFirst>(
+      std::make_integer_sequence<int, kLength>{}, rows, columns, block, f);
+  return true;
+}
+
+// The common ones: of a pose with three intrinsics apart and as one, and of a pose alone.
+template <class Segment, class F>
+void for_each_entry_fast(
+    const Segment& rows, const Segment& columns, int size, const double* block, const F& f) {
+  if (!unrolled<9, 0, 6>(rows, columns, size, block, f) &&
+      !unrolled<9, 6, 3>(rows, columns, size, block, f) &&
+      !unrolled<9, 0, 9>(rows, columns, size, block, f) &&
+      !unrolled<6, 0, 6>(rows, columns, size, block, f))
+    for_each_entry(rows, columns, size, block, f);
+}
+
 }  // namespace
 
 ReducedSolver::ReducedSolver(const CameraPattern& pattern, const ParameterMap& map)
     : pattern_(pattern), map_(map) {
   const std::vector<char> shared = shared_columns(map);
+  const auto cameras = static_cast<std::size_t>(pattern.num_rows());
+  segments_.reserve(2 * cameras);  // pose and intrinsics; more where rigs have sensors
+  segment_begin_.reserve(cameras + 1);
   segment_begin_.push_back(0);
   for (int i = 0; i < pattern.num_rows(); ++i) add_segments(i, shared);
 }
@@ -187,12 +257,12 @@ void ReducedSolver::add_pair(const Segment& rows,
   double* matrix = values().data();
   if (row_block > column_block) {
     const BlockPlace at = place(row_block, column_block);
-    for_each_entry(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
+    for_each_entry_fast(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
       matrix[at.of(r, c)] += value;
     });
   } else {
     const BlockPlace at = place(column_block, row_block);
-    for_each_entry(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
+    for_each_entry_fast(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
       matrix[at.of(c, r)] += value;
     });
   }
@@ -259,13 +329,14 @@ void ReducedSolver::for_each_value(Couple couple, const F& f) {
 
 bool ReducedSolver::solve(std::vector<double>& x) {
   solve_in_place(x);
-  return std::all_of(x.begin(), x.end(), [](double value) { return std::isfinite(value); });
+  return is_finite(x);
 }
 
 std::unique_ptr<ReducedSolver> make_dense_reduced_solver(const ReducedStructure& structure,
                                                          const ParameterMap& map,
                                                          ThreadPool& pool) {
-  return std::make_unique<DenseReducedSolver>(structure, map, pool);
+  return std::make_unique<DenseReducedSolver>(
+      structure, std::make_unique<const PosesFirst>(poses_first(map)), pool);
 }
 
 std::unique_ptr<ReducedSolver> make_sparse_reduced_solver(const ReducedStructure& structure,

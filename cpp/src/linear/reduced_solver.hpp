@@ -36,6 +36,10 @@ class ReducedSolver {
   virtual bool factorize() = 0;
   // `x` holds the right-hand side before and the solution after; false if that is not finite.
   bool solve(std::vector<double>& x);
+  // The same for the poses, with the intrinsics left as they are. Only where the matrix has the
+  // poses first: of its factor the first part is theirs.
+  virtual bool has_poses_first() const { return false; }
+  virtual bool solve_poses(std::vector<double>& /*x*/) { return false; }
   // The same for every column of `x`, which need not come out finite.
   virtual void solve_columns(Eigen::MatrixXd& x) = 0;
   // xᵀ A⁻¹ x of the factorised matrix A, for several threads at once, each by its number.

@@ -135,18 +135,39 @@ TEST_P(LinearSolverAgainstQr, SolvingAgainGivesTheBitsOfANewSolver) {
       linearized.move(step);
     };
     const Damping damping{1e-3, DampingMatrix::kDiagonal};
-    std::vector<char> odd_columns(linearized.map.num_columns);
-    for (std::size_t k = 1; k < odd_columns.size(); k += 2) odd_columns[k] = 1;
     Step free, held;
     ASSERT_TRUE(solver->solve(damping, free, {}).success);
-    linearized.hold(odd_columns);
+    linearized.hold_intrinsics(true);
     ASSERT_TRUE(solver->solve(damping, held, {}).success);
     EXPECT_NE(held.camera, free.camera);
     expect_that_of_a_new_one(damping);
-    linearized.hold({});
+    linearized.hold_intrinsics(false);
     expect_that_of_a_new_one(damping);
     expect_that_of_a_new_one({1e-2, DampingMatrix::kDiagonal});
     expect_that_of_a_new_one({1e-2, DampingMatrix::kIdentity});
+  }
+}
+
+// As if the Jacobian had no columns of intrinsics; from the factors of all unknowns and anew.
+TEST_P(LinearSolverAgainstQr, TheDenseSolverLeavesHeldIntrinsicsOut) {
+  const Damping damping{1e-3, DampingMatrix::kDiagonal};
+  DenseSystem poses_alone = dense;
+  for (int k = 0; k < dense.camera_columns; ++k) {
+    if (linearized.map.is_intrinsic[k] != 0) poses_alone.jacobian.col(k).setZero();
+  }
+  const VectorXd reference = solve_by_qr(poses_alone, damping);
+  const auto solver = make_linear_solver(linearized.normal(), {LinearSolverKind::kDense});
+  Step free, after_free, anew;
+  ASSERT_TRUE(solver->solve(damping, free, {}).success);
+  linearized.hold_intrinsics(true);
+  ASSERT_TRUE(solver->solve(damping, after_free, {}).success);
+  ASSERT_TRUE(linearized.solve({LinearSolverKind::kDense}, damping, anew).success);
+  EXPECT_EQ(after_free.camera, anew.camera);
+  EXPECT_EQ(after_free.point, anew.point);
+  const VectorXd error = flatten(dense, anew) - reference;
+  EXPECT_LT(model_error(error, damping), 1e-9 * model_error(reference, damping));
+  for (int k = 0; k < dense.camera_columns; ++k) {
+    EXPECT_TRUE(linearized.map.is_intrinsic[k] == 0 || anew.camera[k] == 0.0) << k;
   }
 }
 

@@ -48,6 +48,35 @@ TEST(ParameterMap, SharedColumnsAreThoseOfSeveralCameras) {
   EXPECT_NE(std::count(shared.begin(), shared.end(), 1), 0);
 }
 
+TEST(ParameterMap, PosesFirstHasEveryColumnInItsBlockAndEveryPoseBeforeTheIntrinsics) {
+  const ParameterMap map = map_with_shared_and_fixed();
+  const PosesFirst ordered = poses_first(map);
+  const std::set<int> places(ordered.place.begin(), ordered.place.end());
+  EXPECT_EQ(std::ssize(places), map.num_columns);
+  EXPECT_EQ(*places.rbegin(), map.num_columns - 1);
+  for (int k = 0; k < map.num_columns; ++k) {
+    const int place = ordered.place[k];
+    EXPECT_EQ(map.is_intrinsic[k] == 0, place < ordered.num_poses) << k;
+    EXPECT_EQ(ordered.map.is_intrinsic[place], map.is_intrinsic[k]) << k;
+    const int block = ordered.map.block_of[place];
+    EXPECT_LE(ordered.map.block_begin[block], place);
+    EXPECT_LT(place, ordered.map.block_begin[block + 1]);
+  }
+  for (std::size_t k = 0; k < map.column.size(); ++k) {
+    const int column = map.column[k];
+    EXPECT_EQ(ordered.map.column[k], column == kNoColumn ? kNoColumn : ordered.place[column]);
+  }
+  // A block of the new order is a part of one of the old.
+  for (int k = 0; k < map.num_columns; ++k) {
+    for (int l = 0; l < map.num_columns; ++l) {
+      const bool together =
+          map.block_of[k] == map.block_of[l] && map.is_intrinsic[k] == map.is_intrinsic[l];
+      EXPECT_EQ(ordered.map.block_of[ordered.place[k]] == ordered.map.block_of[ordered.place[l]],
+                together);
+    }
+  }
+}
+
 // ⟨P x, y⟩ = ⟨x, Pᵀ y⟩ over all cameras.
 TEST(ParameterMap, ExpandAndFoldAreAdjoint) {
   const ParameterMap map = map_with_shared_and_fixed();

@@ -15,7 +15,8 @@ bool sees(const SystemOptions& options, int camera, int point) {
   return options.window == 0 || after < options.window;
 }
 
-// Numbers the columns of the cameras, and then those of the groups.
+// Numbers the columns of the cameras, and then those of the groups. Every other column of a camera
+// is called an intrinsic parameter: nothing depends on where they are.
 class MapBuilder {
  public:
   explicit MapBuilder(const SystemOptions& options) : options_(options) {
@@ -30,13 +31,14 @@ class MapBuilder {
     const int own = used - (options_.groups > 0 ? options_.shared : 0);
     for (int i = 0; i < options_.cameras; ++i) {
       for (int k = 0; k < own; ++k) {
-        if (is_free(i, k)) column(i, k) = next_++;
+        if (is_free(i, k)) column(i, k) = next_column(k);
       }
       end_block();
     }
     for (int group = 0; group < options_.groups; ++group) {
-      for (int k = own; k < used; ++k, ++next_) {
-        for (int i = group; i < options_.cameras; i += options_.groups) column(i, k) = next_;
+      for (int k = own; k < used; ++k) {
+        const int shared = next_column(k);
+        for (int i = group; i < options_.cameras; i += options_.groups) column(i, k) = shared;
       }
       end_block();
     }
@@ -47,6 +49,10 @@ class MapBuilder {
  private:
   int& column(int camera, int k) {
     return map_.column[static_cast<std::size_t>(camera) * options_.camera_size + k];
+  }
+  int next_column(int k) {
+    map_.is_intrinsic.push_back(static_cast<char>(k % 2));
+    return next_++;
   }
   bool is_free(int camera, int k) const {
     const auto& fixed = options_.fixed_columns;

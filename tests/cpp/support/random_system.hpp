@@ -49,7 +49,7 @@ class RandomSystem {
                                   linear::Step& step) const;
   const linear::NormalEquations& normal() const { return normal_; }
   linear::CameraModes& camera_modes() { return normal_.camera_modes(); }
-  void hold(std::vector<char> columns) { normal_.hold(std::move(columns)); }
+  void hold_intrinsics(bool held) { normal_.hold_intrinsics(held); }
   // Of all ranks.
   const DenseSystem& dense() const { return dense_; }
   double cost() const { return 0.5 * dense_.residual.squaredNorm(); }

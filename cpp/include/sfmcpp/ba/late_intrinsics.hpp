@@ -26,12 +26,8 @@ class LateIntrinsics {
   // parameter may be anything.
   bool have_moved_far(const optim::State& start, const optim::State& candidate) const;
 
-  // Per reduced column: 1 if it is an intrinsic parameter.
-  const std::vector<char>& columns() const { return columns_; }
-
  private:
   std::vector<std::size_t> focal_lengths_;  // in the intrinsics of a state, those that are free
-  std::vector<char> columns_;
 };
 
 }  // namespace sfmcpp::ba

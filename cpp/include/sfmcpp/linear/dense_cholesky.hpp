@@ -107,7 +107,7 @@ class DenseCholesky {
   void set_zero(ThreadPool& pool);
   // False if the matrix is not positive definite.
   bool factorize(ThreadPool& pool);
-  // x ← A⁻¹ x.
+  // x ← A⁻¹ x, of the leading part of A that has the size of x: its factor is that of L.
   void solve(std::span<double> x) const;
   // The same for every column.
   void solve(Eigen::MatrixXd& x, ThreadPool& pool) const;

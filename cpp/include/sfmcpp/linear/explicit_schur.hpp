@@ -1,6 +1,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -45,6 +46,7 @@ class ExplicitSchurSolver final : public LinearSolver {
   const PointElimination& elimination() const { return elimination_; }
 
  private:
+  bool has_factors_of(const Damping& damping) const;
   void form();
   void form_rows(int begin, int end, int worker, std::span<AlignedVector<double>> rows);
   void add_camera_terms(int i, const int* block_of_camera, double* blocks) const;
@@ -61,6 +63,7 @@ class ExplicitSchurSolver final : public LinearSolver {
   std::vector<AlignedVector<double>> rows_;
   AlignedVector<double> rhs_;    // Σ Jᵀ r̄ per camera
   std::vector<double> damping_;  // λD
+  std::optional<DampedSystem> factored_;
 };
 
 }  // namespace sfmcpp::linear

@@ -41,6 +41,13 @@ struct Damping {
   bool operator==(const Damping&) const = default;
 };
 
+// Which JᵀJ + λD it is, but for intrinsics that are held.
+struct DampedSystem {
+  long linearization;
+  Damping damping;
+  bool operator==(const DampedSystem&) const = default;
+};
+
 // Derivative of the cost along the cameras' and along the points' part of a step.
 struct Slopes {
   double camera = 0.0;
@@ -109,6 +116,7 @@ class NormalEquations {
   CameraModes& camera_modes() { return camera_modes_; }
   void finish();
   long num_linearizations() const { return num_linearizations_; }  // that were finished
+  DampedSystem damped(const Damping& damping) const { return {num_linearizations_, damping}; }
 
   const ObservationGraph& graph() const { return graph_; }
   const ParameterMap& map() const { return map_; }
@@ -140,9 +148,10 @@ class NormalEquations {
   const std::vector<double>& camera_diagonal() const { return camera_diagonal_; }
   std::vector<double> camera_damping(const Damping& damping) const;  // λD
   void get_camera_damping(const Damping& damping, std::vector<double>& diagonal) const;
-  // Holds reduced columns: their entries of λD are so large that steps hardly move them. None:
-  // holds none.
-  void hold(std::vector<char> columns) { held_ = std::move(columns); }
+  // Holds the intrinsics: their entries of λD are so large that steps hardly move them, or not at
+  // all where a solver leaves them out.
+  void hold_intrinsics(bool held) { holds_intrinsics_ = held; }
+  bool holds_intrinsics() const { return holds_intrinsics_; }
   double gradient_max_norm() const { return gradient_max_norm_; }
   double max_diagonal() const;
 
@@ -226,7 +235,7 @@ class NormalEquations {
   CameraTerms camera_terms_;
   CameraModes camera_modes_;
   std::vector<char> shared_;  // per reduced column
-  std::vector<char> held_;    // per reduced column, or empty
+  bool holds_intrinsics_ = false;
   std::variant<Blocks<double>, Blocks<float>> blocks_;
   AlignedVector<PointBlock> point_blocks_;
   AlignedVector<double> chunk_sums_;  // per chunk: gradient, then diagonal, of a camera block

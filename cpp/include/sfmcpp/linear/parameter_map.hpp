@@ -19,6 +19,7 @@ struct ParameterMap {
   std::vector<int> column;          // num_cameras × camera_size → reduced column or kNoColumn
   std::vector<int> block_begin;     // variable blocks of the reduced system, and the end
   std::vector<int> block_of;        // variable block of each reduced column
+  std::vector<char> is_intrinsic;   // per reduced column; others are of poses
   bool has_shared_columns = false;  // do several cameras have one reduced column?
   std::vector<char> free_point;     // per point: may it move?
 
@@ -45,6 +46,15 @@ enum class Columns { kOfOneCamera, kShared };
 
 // Whether each reduced column is shared.
 std::vector<char> shared_columns(const ParameterMap& map);
+
+// The same columns in another order: those of all poses, then all intrinsics. Variable blocks that
+// have both are cut in two.
+struct PosesFirst {
+  ParameterMap map;        // without points
+  std::vector<int> place;  // of each reduced column
+  int num_poses = 0;       // columns
+};
+PosesFirst poses_first(const ParameterMap& map);
 
 inline constexpr int kMaxCameraSize = 18;
 
