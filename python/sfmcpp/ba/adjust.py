@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -25,7 +26,7 @@ from sfmcpp.ba.ranks import Ranks, interrupts_held
 from sfmcpp.ba.summary import Iteration, LinearSolverChange, LinearSolverForecast, RankLoad, Summary
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import LossFunction, Problem
-from sfmcpp.model.arguments import checked
+from sfmcpp.model.arguments import require_instance
 from sfmcpp.model.arrays import number_array
 from sfmcpp.model.camera_models import require_named
 from sfmcpp.model.residual_group import Group, ResidualGroup, require_kinds
@@ -33,7 +34,7 @@ from sfmcpp.model.residual_group import Group, ResidualGroup, require_kinds
 Callback = Callable[[Iteration], "bool | None"]
 
 
-@checked()
+# Not `checked`: to read annotations takes half a millisecond of the first call, more than a small step.
 def adjust(
     problem: Problem,
     constraints: Sequence[Group],
@@ -69,6 +70,12 @@ def adjust(
     DatasetError
         If `checkpoint` cannot be written, or `resume` has no checkpoint of this run.
     """
+    require_instance("problem", problem, Problem)
+    require_instance("options", options, SolveOptions)
+    require_callback(callback)
+    for name, store in (("checkpoint", checkpoint), ("resume", resume)):
+        if store is not None:
+            require_instance(name, store, CheckpointStore)
     report = None if callback is None else lambda core: continues_after(callback(_iteration(core)))
     if checkpoint is not None or resume is not None:
         _require_names_of_losses(constraints, options, "in a run that is saved")
@@ -97,6 +104,14 @@ def adjust(
         *checkpoints.warnings,
     ]
     return replace(summary, warnings=warnings)
+
+
+def require_callback(callback: Callback | None) -> None:
+    """Raise InvalidArgument for what cannot be called after an iteration."""
+    if callback is not None and not callable(callback):
+        raise InvalidArgument(f"callback = {callback!r}: must be callable")
+    if inspect.iscoroutinefunction(callback):
+        raise InvalidArgument(f"callback = {callback!r}: must not be async, nothing would await it")
 
 
 def adjust_on_ranks(
@@ -263,16 +278,20 @@ def _residuals_of_function(problem: Problem, group: Group) -> dict[str, Any]:
     return {"function": group.residuals_at(problem)} if isinstance(group, ResidualGroup) else {}
 
 
-def _fields_of(core: object, cls: type) -> dict[str, Any]:
-    return {name: getattr(core, name) for name in cls.__dataclass_fields__ if hasattr(core, name)}  # type: ignore[attr-defined]
+def _fields_of(core: type, cls: type) -> list[str]:
+    return [name for name in cls.__dataclass_fields__ if hasattr(core, name)]  # type: ignore[attr-defined]
+
+
+_OF_ITERATION = _fields_of(_core.CoreIteration, Iteration)
+_OF_SUMMARY = _fields_of(_core.CoreSummary, Summary)
 
 
 def _iteration(core: _core.CoreIteration) -> Iteration:
-    return Iteration(**_fields_of(core, Iteration))
+    return Iteration(**{name: getattr(core, name) for name in _OF_ITERATION})
 
 
 def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
-    values = _fields_of(core, Summary)
+    values: dict[str, Any] = {name: getattr(core, name) for name in _OF_SUMMARY}
     values["iterations"] = [_iteration(iteration) for iteration in core.iterations]
     values["linear_solver_forecast"] = [
         LinearSolverForecast(**forecast) for forecast in core.linear_solver_forecast

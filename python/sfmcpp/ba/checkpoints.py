@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sfmcpp import _core
 from sfmcpp.ba.ranks import Ranks
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.model.arguments import checked
 
 # Limits of a run, which do not change its steps.
 _MAY_CHANGE = ("threads", "max_iterations", "max_seconds")
@@ -108,7 +107,6 @@ class RunCheckpoints:
         If `resume` has no checkpoint of this run, or `save` cannot be written.
     """
 
-    @checked()
     def __init__(
         self,
         save: CheckpointStore | None,

@@ -64,8 +64,8 @@ def thread_count(wanted: int | None = None) -> int:
 
 def default_threads() -> int:
     """The default of solves: 0, by the machine and the size of the problem, unless there is a limit."""
-    most = _MOST.get() or 0
-    return most if most < usable_cores() else 0
+    most = _MOST.get()
+    return most if most and most < usable_cores() else 0
 
 
 def results_in_order(

@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
-from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks
+from sfmcpp.ba.adjust import Callback, adjust, adjust_on_ranks, require_callback
 from sfmcpp.ba.arrays import with_own_fields
 from sfmcpp.ba.check import check_part
 from sfmcpp.ba.checkpoints import CheckpointStore
@@ -18,7 +18,6 @@ from sfmcpp.ba.parts import OwnParts, Scattered, gathered, is_whole_on_root, req
 from sfmcpp.ba.ranks import Communicator, Ranks
 from sfmcpp.ba.summary import Summary
 from sfmcpp.ba.time_limit import TimeLimit
-from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.camera_models import require_named
 from sfmcpp.model.named_fields import meant
@@ -155,10 +154,7 @@ def _checked_arguments(
             raise TypeError(f"solve() got an unexpected keyword argument {name!r}{meant(name, known)}")
     settings = SolveOptions(**options)
     settings.validate()
-    if callback is not None and not callable(callback):
-        raise InvalidArgument(f"callback = {callback!r}: must be callable")
-    if inspect.iscoroutinefunction(callback):
-        raise InvalidArgument(f"callback = {callback!r}: must not be async, nothing would await it")
+    require_callback(callback)
     return checked_groups(constraints), settings
 
 
