@@ -96,8 +96,12 @@ def _read_yaml(path: Path, data: bytes) -> Node:
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         _require_plain(path, yaml, yaml.parse(text, Loader=loader))
-        root = yaml.compose(text, Loader=loader)
-        return _node_of_yaml(path, yaml, root)
+        # A message that ROS prints ends as if another one followed.
+        roots = [root for root in yaml.compose_all(text, Loader=loader) if not _is_empty(yaml, root)]
+        if len(roots) > 1:
+            line = roots[1].start_mark.line + 1
+            raise DatasetError(path, f"holds {len(roots)} documents: must be one", line)
+        return _node_of_yaml(path, yaml, roots[0] if roots else None)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
@@ -128,6 +132,10 @@ def _load_yaml(path: Path) -> ModuleType:
         raise DatasetError(path, "YAML needs PyYAML: pip install 'sfmcpp[vision]'") from None
     module: ModuleType = yaml
     return module
+
+
+def _is_empty(yaml: ModuleType, node: Any) -> bool:
+    return isinstance(node, yaml.ScalarNode) and node.value == ""
 
 
 def _node_of_yaml(path: Path, yaml: ModuleType, node: Any) -> Node:

@@ -105,6 +105,17 @@ def test_of_four_matrices_names_without_numbers_choose_none(tmp_path: Path) -> N
         found_pair(tmp_path, file, ("image_l", "image_r"))
 
 
+def test_numbers_of_a_camera_leave_the_baseline_to_the_matrices_beside(tmp_path: Path) -> None:
+    kitti(tmp_path, {name: (2 * x, z) for name, (x, z) in FOUR.items()})
+    # Of images of half the size: the matrices tell metres by their own focal length.
+    for name in ("image_0", "image_1"):
+        (tmp_path / name).mkdir()
+    half = INTRINSICS * [0.5, 1, 0.5, 0.5, 1]
+    pair = stereo_pair(tmp_path / "image_0", tmp_path / "image_1", half, None, None)
+    np.testing.assert_allclose(pair.centre_m, [1.08, 0, 0], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(pair.right, half)
+
+
 def document(pose_name: str, pose: np.ndarray, intrinsics: np.ndarray) -> str:
     square = np.vstack([pose, [0, 0, 0, 1]]).ravel().tolist()
     f, _, cx, cy, _ = intrinsics.tolist()
