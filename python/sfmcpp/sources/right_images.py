@@ -212,8 +212,8 @@ class RightImages:
         if tally.used_off_px and (off := float(np.median(tally.used_off_px))) > _OTHER_CAMERA_PX:
             yield (
                 f"what both images of a pair show is off its epipolar line by {off:.2g} px in the middle: "
-                "the cameras are not those of the images, as rectified images need others than those that they "
-                "were made of; the map and its scale are wrong then"
+                "the cameras are not those of the images, as rectified images need others than "
+                "those that they were made of; the map and its scale are wrong then"
             )
         if (beside_m := float(np.linalg.norm(self.pair.centre_m))) > _LONGEST_M:
             yield (
