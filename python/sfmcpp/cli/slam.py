@@ -110,8 +110,9 @@ Fps = Annotated[
     typer.Option(
         callback=_fps,
         metavar="N",
-        help="Images per second, positive. Default: times.txt (seconds, or nanoseconds since 1970), EuRoC's "
-        "data.csv, image names in nanoseconds, the video's frame rate, or 10 for a folder.",
+        help="Images per second, positive. Default: times.txt (seconds, nanoseconds since 1970 or "
+        "ISO 8601), KITTI's timestamps.txt, EuRoC's data.csv, image names in nanoseconds, the video's "
+        "frame rate, or 10 for a folder.",
     ),
 ]
 Corners = Annotated[str, choice_option(CORNERS, "Corners to track in images")]
