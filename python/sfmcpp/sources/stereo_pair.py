@@ -2,8 +2,8 @@
 
 Its images are the sibling of the left ones by the usual names: ``cam1/data`` of EuRoC, ``image_1`` or
 ``image_03`` of KITTI, ``image_r``, ``right``. Where the camera is tells the first that there is: a baseline
-of the user; the camera chain of Kalibr, KITTI's ``calib.txt``, or the file of OpenCV or ROS that the left
-camera is from; how both sit on the body, ``T_BS`` of EuRoC's ``sensor.yaml``.
+of the user; the camera chain of Kalibr, KITTI's ``calib.txt``, or the file of OpenCV, ROS or ORB-SLAM
+that the left camera is from; how both sit on the body, ``T_BS`` of EuRoC's ``sensor.yaml``.
 """
 
 from __future__ import annotations
@@ -30,10 +30,11 @@ from sfmcpp.sources.cameras import (
     projection_matrices,
     read_camera,
 )
-from sfmcpp.sources.io.documents import DOCUMENTS, read_document
+from sfmcpp.sources.io.documents import DOCUMENTS, Node, read_document
 from sfmcpp.sources.io.files import is_folder, is_present, is_regular_file
 from sfmcpp.sources.io.intrinsics import matrix_fault
 from sfmcpp.sources.io.opencv_cameras import opencv_cameras
+from sfmcpp.sources.io.orb_slam import orb_slam_cameras, orb_slam_pose
 from sfmcpp.sources.mounting_files import mounting_beside_camera, pose_of
 from sfmcpp.sources.opencv_pairs import opencv_pair
 
@@ -199,8 +200,11 @@ def _pair_of_file(left: Path, right: Path, intrinsics: FloatArray, camera: Path)
     """The pair by the file of the left camera: KITTI's matrices, a chain of Kalibr, OpenCV or ROS."""
     file, name = camera_file(camera)
     if file.suffix.lower() in DOCUMENTS:
-        if opencv_cameras(read_document(file)):
+        root = read_document(file)
+        if opencv_cameras(root):
             return _pair_of_opencv(intrinsics, camera)
+        if orb_slam_cameras(root):
+            return _pair_of_orb_slam(root, intrinsics, name)
         return _pair_of_chain(intrinsics, file, name)
     matrices = projection_matrices(file)
     rows = _rows_of(file, left, right, [name for name, _ in matrices])
@@ -211,6 +215,14 @@ def _pair_of_file(left: Path, right: Path, intrinsics: FloatArray, camera: Path)
     if not beside.any():
         return None
     return StereoPair(intrinsics, intrinsics, np.column_stack([np.eye(3), beside]))
+
+
+def _pair_of_orb_slam(root: Node, intrinsics: FloatArray, name: str) -> StereoPair | None:
+    """The pair of a settings file; without a second camera both are rectified, and alike."""
+    first, *others = orb_slam_cameras(root)
+    pose = orb_slam_pose(root) if name in ("", first) else None
+    right = _intrinsics(_named(root.path, others[0])) if others else intrinsics
+    return None if pose is None else StereoPair(intrinsics, right, pose)
 
 
 def _centre(file: Path, projection: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Calibration files of OpenCV (and ROS), Kalibr and EuRoC.
+"""Calibration files of OpenCV (and ROS), Kalibr, EuRoC and ORB-SLAM.
 
 All mean ``u = fu x + cu``, ``v = fv y + cv`` after the distortion ``k1, k2, p1, p2[, k3]`` of OpenCV ("plumb
 bob", "radtan", "radial-tangential"), which the camera model ``"perspective"`` holds without loss. Other
@@ -24,12 +24,15 @@ from sfmcpp.sources.io.intrinsics import (
     pinhole_of_matrix,
 )
 from sfmcpp.sources.io.opencv_cameras import OpencvCamera, opencv_cameras
+from sfmcpp.sources.io.orb_slam import orb_slam_camera, orb_slam_cameras
 
 _COEFFICIENTS = ("distortion_coeffs", "distortion_coefficients")
 # Names that the programs have for one and the same lens, and for none. ROS's rational polynomial is the same
 # where its denominator is 1: coefficients beyond k3 are refused below.
 _RADIAL_TANGENTIAL = ("radtan", "radial-tangential", "plumb_bob", "rational_polynomial")
 _NONE = ("none", "")
+# ROS's names, and ORB-SLAM's.
+_SIZE = (("image_width", "Camera.width"), ("image_height", "Camera.height"))
 # OpenCV's order; what follows belongs to lenses that the camera model does not hold.
 _ORDER = ("k1", "k2", "p1", "p2", "k3")
 
@@ -75,7 +78,7 @@ class Calibration:
         if self.part is None:
             return None
         node = self.part.part("resolution")
-        parts = [self.part.part(name) for name in ("image_width", "image_height")] if node is None else [node]
+        parts = [self.part.part(*names) for names in _SIZE] if node is None else [node]
         numbers = [number for part in parts if part is not None for number in part.numbers()]
         return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 else None
 
@@ -87,7 +90,8 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
     ----------
     path : Path
         A YAML or XML file of OpenCV or ROS with ``camera_matrix`` and ``distortion_coefficients`` (or ``K``
-        and ``D``), or those of a stereo pair; a camera chain of Kalibr, or a ``sensor.yaml`` of EuRoC.
+        and ``D``), or those of a stereo pair; a camera chain of Kalibr, a ``sensor.yaml`` of EuRoC, or
+        settings of ORB-SLAM.
     camera : str
         Which one of a file that holds several: ``"cam1"``; of OpenCV and ROS the name of its matrix, as
         ``"M1"``. That of a projection matrix, as ``"P1"``, is the camera of rectified images.
@@ -104,6 +108,8 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
     root = read_document(path)
     if opencv_cameras(root):
         return _opencv(opencv_camera(root, camera))
+    if cameras := orb_slam_cameras(root):
+        return _orb_slam(root, camera or cameras[0], cameras)
     chosen = chosen_camera(root, camera)
     return Calibration(_intrinsics(*_euroc_or_kalibr(chosen)), chosen, first_pixel_px=0.0)
 
@@ -167,6 +173,14 @@ def _opencv(camera: OpencvCamera) -> Calibration:
     distortion = _Values(camera.root, []) if node is None else _Values(node, node.numbers())
     lens = "" if camera.rectified else _text_of(camera.root.part("distortion_model"), "plumb_bob")
     return Calibration(_intrinsics(matrix, distortion, lens), camera.root, first_pixel_px=0.0)
+
+
+def _orb_slam(root: Node, name: str, known: Collection[str]) -> Calibration:
+    if name not in known:
+        raise _no_camera(root, name, known)
+    matrix, distortion = orb_slam_camera(root, name)
+    values = _Values(root, matrix.ravel().tolist()), _Values(root, distortion)
+    return Calibration(_intrinsics(*values, "plumb_bob"), root, first_pixel_px=0.0)
 
 
 def _euroc_or_kalibr(camera: Node) -> tuple[_Values, _Values, str]:

@@ -175,10 +175,20 @@ def rotation_of(node: Node) -> FloatArray:
     DatasetError
         If it is none.
     """
-    rotation = matrix_of(node, 3, 3)
-    if not is_rotation(rotation, PRINTED_ROTATION_TOLERANCE):
-        raise node.error("holds no rotation")
-    return nearest_rotation(rotation)
+    return exact_rotation(node, matrix_of(node, 3, 3), "it")
+
+
+def exact_rotation(node: Node, matrix: FloatArray, name: str) -> FloatArray:
+    """The rotation nearest to a printed one (3, 3) of a part of a file, by its name in messages.
+
+    Raises
+    ------
+    DatasetError
+        If it is none.
+    """
+    if not is_rotation(matrix, PRINTED_ROTATION_TOLERANCE):
+        raise node.error(f"{name} holds no rotation")
+    return nearest_rotation(matrix)
 
 
 def matrix_of(node: Node, rows: int, columns: int) -> FloatArray:

@@ -143,7 +143,7 @@ def test_cameras_that_were_calibrated_alone_tell_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "told"),
     [
-        ({"R": 2 * R}, "holds no rotation"),
+        ({"R": 2 * R}, "it holds no rotation"),
         ({"T": np.zeros((2, 1))}, "holds 2 numbers: must be 3, a matrix of 3×1"),
         ({"M2": -MATRICES[1]}, "the calibration matrix is"),
     ],
