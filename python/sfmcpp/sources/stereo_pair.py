@@ -205,7 +205,7 @@ def _pair_of_file(left: Path, right: Path, intrinsics: FloatArray, camera: Path)
             return _pair_of_opencv(intrinsics, camera)
         if orb_slam_cameras(root):
             return _pair_of_orb_slam(root, intrinsics, name)
-        return _pair_of_chain(intrinsics, file, name)
+        return _pair_of_chain(left, right, intrinsics, root, name)
     matrices = projection_matrices(file)
     rows = _rows_of(file, left, right, [name for name, _ in matrices])
     if rows is None:
@@ -242,8 +242,7 @@ def _pair_of_opencv(intrinsics: FloatArray, camera: Path) -> StereoPair | None:
 
 def _rows_of(file: Path, left: Path, right: Path, names: list[str]) -> tuple[int, int] | None:
     """Matrices of both cameras, by the numbers in the names of their folders; the two if there are two."""
-    parts = (reversed(path.absolute().parts) for path in (left, right))
-    differing = next(((a, b) for a, b in zip(*parts, strict=False) if a != b), ("", ""))
+    differing = _differing_parts(left, right)
     numbers = [_number(name, default=k) for k, name in enumerate(names)]
     wanted = [_number(name, default=-1) for name in differing]
     if len({*wanted}) == 2 and {*wanted} <= {*numbers}:
@@ -257,28 +256,58 @@ def _rows_of(file: Path, left: Path, right: Path, names: list[str]) -> tuple[int
     return (0, 1) if len(names) == 2 else None
 
 
+def _differing_parts(left: Path, right: Path) -> tuple[str, str]:
+    """Where two paths differ, from their ends: ``cam0`` and ``cam1`` of ``cam0/data`` and ``cam1/data``."""
+    parts = (reversed(path.absolute().parts) for path in (left, right))
+    return next(((a, b) for a, b in zip(*parts, strict=False) if a != b), ("", ""))
+
+
 def _number(name: str, default: int) -> int:
     digits = re.findall(r"\d+", name)
     return int(digits[-1]) if digits else default
 
 
-def _pair_of_chain(intrinsics: FloatArray, file: Path, name: str) -> StereoPair | None:
-    """The pair of a camera of Kalibr's chain and the one behind it, or before it if it is the last."""
-    root = read_document(file)
+def _pair_of_chain(
+    left: Path, right: Path, intrinsics: FloatArray, root: Node, name: str
+) -> StereoPair | None:
+    """The pair of a camera of Kalibr's chain and the one that took the right images."""
     chain = {} if not isinstance(root.value, dict) else root.value
     names = [key for key, part in chain.items() if part.part("intrinsics")]
     if len(names) < 2 or name not in names:
         return None
-    place = names.index(name)
-    is_last = place + 1 == len(names)
-    other = names[place - 1 if is_last else place + 1]
-    node = chain[name if is_last else other].part(_KALIBR_STEP)
-    if node is None:
-        pose = _pose_on_body(_named(file, name), _named(file, other))
-    else:
-        step = pose_of(node, _KALIBR_STEP)
-        pose = step if is_last else _inverse(step)
-    return None if pose is None else StereoPair(intrinsics, _intrinsics(_named(file, other)), pose)
+    other = _other_of_chain(root, left, right, names, name)
+    pose = _pose_along_chain([chain[key] for key in names], names.index(name), names.index(other))
+    if pose is None:
+        pose = _pose_on_body(_named(root.path, name), _named(root.path, other))
+    return None if pose is None else StereoPair(intrinsics, _intrinsics(_named(root.path, other)), pose)
+
+
+def _other_of_chain(root: Node, left: Path, right: Path, names: list[str], name: str) -> str:
+    """Which camera took the right images: by the number of their folder, or the only other one."""
+    folder = _differing_parts(left, right)[1]
+    numbers = {_number(key, default=k): key for k, key in enumerate(names)}
+    found = numbers.get(_number(folder, default=-1))
+    if found not in (None, name):
+        return str(found)
+    others = [key for key in names if key != name]
+    if len(others) > 1:
+        which = f"which of {', '.join(others)} took the right images; name their folder as that camera"
+        name = folder or right.name
+        raise root.error(f"holds {len(names)} cameras: the name {name} does not tell {which}")
+    return others[0]
+
+
+def _pose_along_chain(chain: list[Node], left: int, right: int) -> FloatArray | None:
+    """left_from_right (3, 4) by the steps between neighbours, each camera_from_the_one_before."""
+    low, high = sorted((left, right))
+    pose = np.eye(4)
+    for part in chain[low + 1 : high + 1]:
+        node = part.part(_KALIBR_STEP)
+        if node is None:
+            return None
+        pose = np.vstack([pose_of(node, _KALIBR_STEP), [0, 0, 0, 1]]) @ pose
+    high_from_low = pose[:3]
+    return high_from_low if left == high else _inverse(high_from_low)
 
 
 def _named(file: Path, name: str) -> Path:

@@ -151,6 +151,35 @@ def test_a_chain_of_kalibr_tells_the_pose_of_either_camera(tmp_path: Path, camer
     np.testing.assert_array_equal(pair.right, INTRINSICS if turned else RIGHT)
 
 
+STEPS = [inverse(POSE), inverse(joined(POSE, POSE))]
+
+
+def chain_of_three(place: Path) -> Path:
+    """Of three cameras, the third farther beside the second than this beside the first."""
+    lenses = (INTRINSICS, RIGHT, INTRINSICS)
+    parts = [document("T_cn_cnm1", step, lens) for step, lens in zip([POSE, *STEPS], lenses, strict=True)]
+    indented = ["".join(f"  {line}\n" for line in text.splitlines()) for text in parts]
+    (place / "chain.yaml").write_text("".join(f"cam{k}:\n{text}" for k, text in enumerate(indented)))
+    return place
+
+
+@pytest.mark.parametrize(("left", "right"), [(0, 1), (0, 2), (1, 2), (2, 0), (2, 1)])
+def test_of_a_longer_chain_the_folder_tells_the_right_camera(tmp_path: Path, left: int, right: int) -> None:
+    names = [f"cam{k}/data" for k in (left, right)]
+    pair = found_pair(tmp_path, chain_of_three(tmp_path) / f"chain.yaml:cam{left}", names)
+    # Poses of the cameras in the first one.
+    places = [np.eye(3, 4), POSE, joined(POSE, joined(POSE, POSE))]
+    expected = joined(inverse(places[left]), places[right])
+    np.testing.assert_allclose(pair.pose, expected, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(pair.right, RIGHT if right == 1 else INTRINSICS)
+
+
+def test_of_a_longer_chain_a_folder_without_a_number_chooses_none(tmp_path: Path) -> None:
+    rule = r"chain\.yaml:1: holds 3 cameras: the name right does not tell which of cam1, cam2 took"
+    with pytest.raises(DatasetError, match=rule):
+        found_pair(tmp_path, chain_of_three(tmp_path) / "chain.yaml:cam0", ["left", "right"])
+
+
 def test_a_baseline_counts_before_files_and_with_the_lens_of_the_right_folder(tmp_path: Path) -> None:
     file = kitti(tmp_path, FOUR)
     pair = found_pair(tmp_path, file, baseline_m=0.3)
