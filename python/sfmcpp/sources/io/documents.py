@@ -1,4 +1,4 @@
-"""YAML and XML documents, with line numbers for error messages."""
+"""YAML, JSON and XML documents, with line numbers for error messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import number_of
 
-DOCUMENTS = (".yaml", ".yml", ".xml")
+DOCUMENTS = (".yaml", ".yml", ".json", ".xml")
 _LARGEST_BYTES = 1 << 20
 _DEEPEST = 50
 _TOO_DEEP = f"nests more than {_DEEPEST} parts"
@@ -75,7 +75,7 @@ class Node:
 
 
 def read_document(path: Path) -> Node:
-    """Read a file of YAML or, by its suffix, XML.
+    """Read a file of YAML, of JSON, which is YAML but for tabs, or, by its suffix, XML.
 
     Raises
     ------
@@ -86,7 +86,9 @@ def read_document(path: Path) -> Node:
         data = read_text_bytes(path)
     if len(data) > _LARGEST_BYTES:
         raise DatasetError(path, f"holds {len(data)} bytes: must be {_LARGEST_BYTES} at most")
-    return _read_xml(path, data) if path.suffix.lower() == ".xml" else _read_yaml(path, data)
+    if path.suffix.lower() == ".xml":
+        return _read_xml(path, data)
+    return _read_yaml(path, data.replace(b"\t", b" ") if path.suffix.lower() == ".json" else data)
 
 
 def _read_yaml(path: Path, data: bytes) -> Node:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,14 @@ def test_distortion_under_another_name_is_not_left_out(tmp_path: Path, name: str
     written(tmp_path, "c.yaml", OPENCV.replace("distortion_coefficients", name))
     with pytest.raises(DatasetError, match=rf"c\.yaml:9: {name} is not read: distortion must be called"):
         read_intrinsics(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize("indent", [None, 2, "\t"])
+def test_json_is_read_as_yaml_is(tmp_path: Path, indent: int | str | None) -> None:
+    content = {"camera_matrix": [[458, 0, 367.0], [0, 457, 248], [0, 0, 1]]}
+    content["dist_coeff"] = [[-0.28, 0.074, 2e-4, 1.8e-05, 0.01]]
+    written(tmp_path, "calibration.json", json.dumps(content, indent=indent))
+    np.testing.assert_allclose(read_intrinsics(tmp_path / "calibration.json"), WITH_K3, rtol=1e-15)
 
 
 def test_a_lens_without_distortion_is_a_camera_without(tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def require_same(pair: StereoPair, left: np.ndarray, right: np.ndarray, pose: np
     np.testing.assert_allclose(pair.pose, pose, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("suffix", ["yml", "xml"])
+@pytest.mark.parametrize("suffix", ["yml", "json", "xml"])
 @pytest.mark.parametrize(
     ("matrix", "distortion"),
     [
