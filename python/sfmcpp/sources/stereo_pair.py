@@ -30,6 +30,7 @@ from sfmcpp.sources.cameras import (
     projection_matrices,
     read_camera,
 )
+from sfmcpp.sources.io.calibration import kalibr_cameras
 from sfmcpp.sources.io.documents import DOCUMENTS, Node, read_document
 from sfmcpp.sources.io.files import is_folder, is_present, is_regular_file
 from sfmcpp.sources.io.intrinsics import matrix_fault
@@ -271,12 +272,12 @@ def _pair_of_chain(
     left: Path, right: Path, intrinsics: FloatArray, root: Node, name: str
 ) -> StereoPair | None:
     """The pair of a camera of Kalibr's chain and the one that took the right images."""
-    chain = {} if not isinstance(root.value, dict) else root.value
-    names = [key for key, part in chain.items() if part.part("intrinsics")]
+    chain = kalibr_cameras(root)
+    names = list(chain)
     if len(names) < 2 or name not in names:
         return None
     other = _other_of_chain(root, left, right, names, name)
-    pose = _pose_along_chain([chain[key] for key in names], names.index(name), names.index(other))
+    pose = _pose_along_chain([*chain.values()], names.index(name), names.index(other))
     if pose is None:
         pose = _pose_on_body(_named(root.path, name), _named(root.path, other))
     return None if pose is None else StereoPair(intrinsics, _intrinsics(_named(root.path, other)), pose)

@@ -114,6 +114,21 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
     return Calibration(_intrinsics(*_euroc_or_kalibr(chosen)), chosen, first_pixel_px=0.0)
 
 
+def camera_names(path: Path) -> list[str]:
+    """Names of the cameras of a file, as :func:`read_calibration` takes them; one empty name of an only one.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, or holds no camera.
+    """
+    root = read_document(path)
+    found = [*opencv_cameras(root)] or orb_slam_cameras(root) or [*kalibr_cameras(root)]
+    if not found:
+        chosen_camera(root, "")
+    return found or [""]
+
+
 @dataclass(frozen=True, eq=False)
 class _Values:
     """Numbers, and the part of the file that they come from."""
@@ -130,8 +145,7 @@ def chosen_camera(root: Node, camera: str) -> Node:
     DatasetError
         If there is none, or several and no name.
     """
-    parts = root.value if isinstance(root.value, dict) else {}
-    several = {name: part for name, part in parts.items() if part.part("intrinsics")}
+    several = kalibr_cameras(root)
     if camera and camera not in several:
         raise _no_camera(root, camera, several)
     if len(several) > 1 and not camera:
@@ -140,6 +154,12 @@ def chosen_camera(root: Node, camera: str) -> Node:
         rule = "must be of OpenCV (camera_matrix, or K), Kalibr (cam0: intrinsics) or EuRoC (intrinsics)"
         raise root.error(f"holds no camera: {rule}")
     return several[camera] if camera else next(iter(several.values()), root)
+
+
+def kalibr_cameras(root: Node) -> dict[str, Node]:
+    """The cameras of a chain by their names; nothing of another file."""
+    parts = root.value if isinstance(root.value, dict) else {}
+    return {name: part for name, part in parts.items() if part.part("intrinsics")}
 
 
 def opencv_camera(root: Node, name: str) -> OpencvCamera:
