@@ -34,7 +34,7 @@ _NAME = re.compile(
 _WHOLE = {"l": "left", "r": "right"}
 # Sides that may be beside one, the likeliest first; cameras count from 0 or from 1.
 _OTHER_SIDES = {"left": ("right",), "right": ("left",), "0": ("1",), "1": ("2", "0"), "2": ("1",)}
-_LIKE_DISTORTION = re.compile(r"(?!.*model).*(dist|coef).*|k_?1", re.IGNORECASE)
+_LIKE_DISTORTION = re.compile(r"(?!.*model).*(dist(?!ance)|coef).*|k_?1", re.IGNORECASE)
 
 
 class _Name(NamedTuple):
@@ -148,10 +148,11 @@ def opencv_cameras(root: Node) -> dict[str, OpencvCamera]:
 
 
 def _names(root: Node) -> Iterator[tuple[str, _Name]]:
-    """The names in a file that mean something, with what."""
-    for name in root.value if isinstance(root.value, dict) else ():
+    """The names in a file that mean something, with what; no single words: K1 may be a coefficient."""
+    for name, node in root.value.items() if isinstance(root.value, dict) else ():
         match = _NAME.fullmatch(name)
-        if match is None or (match["before"] and match["after"]):
+        is_word = isinstance(node.value, str) and len(node.value.split()) < 2
+        if match is None or (match["before"] and match["after"]) or is_word:
             continue
         role = next(role for role in _NAMES if match[role])
         side = (match["before"] or match["after"] or "").lower()

@@ -88,6 +88,13 @@ def test_what_opencv_writes_is_read_and_its_lens_is_ours(tmp_path: Path, suffix:
     np.testing.assert_allclose(ours, expected.reshape(-1, 2), rtol=0, atol=1e-9)
 
 
+def test_coefficients_in_capitals_are_no_cameras(tmp_path: Path) -> None:
+    text = "K: [458, 0, 367, 0, 457, 248, 0, 0, 1]\ndistance: 3\n"
+    np.testing.assert_allclose(read_intrinsics(written(tmp_path, "c.yaml", text)), EXPECTED[:5], rtol=1e-15)
+    with pytest.raises(DatasetError, match=r"c\.yaml:3: K1 is not read: distortion must be called"):
+        read_intrinsics(written(tmp_path, "c.yaml", text + "K1: -0.28\nK2: 0.07\n"))
+
+
 def test_a_message_that_ros_prints_is_a_camera(tmp_path: Path) -> None:
     text = "k: [458, 0, 367, 0, 457, 248, 0, 0, 1]\nd: [-0.28, 0.074, 0.0002, 1.8e-05, 0.01]\n---\n"
     np.testing.assert_allclose(read_intrinsics(written(tmp_path, "info.yaml", text)), WITH_K3, rtol=1e-15)

@@ -106,21 +106,35 @@ def test_logs_of_receivers_are_read_as_they_are(tmp_path: Path, separator: str, 
 
 
 @pytest.mark.parametrize(
+    ("latitude", "longitude", "height", "position"),
+    [
+        (
+            '46 deg 30\' 36.00"" S',
+            '9 deg 15\' 0.00"" E',
+            "198.5 m Above Sea Level",
+            (-46.51, 9.25, 198.5),
+        ),
+        (
+            '46 deg 30\' 36"" North',
+            '0 deg 0\' 36.00"" West',
+            "12 m Below Sea Level",
+            (46.51, -0.01, -12.0),
+        ),
+    ],
+)
+def test_positions_are_read_as_exiftool_prints_them(
+    tmp_path: Path, latitude: str, longitude: str, height: str, position: tuple[float, float, float]
+) -> None:
+    head = "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude"
+    found = read_position_csv(written(tmp_path, f'{head}\na,"{latitude}","{longitude}",{height}\n'))
+    assert found.geodetic
+    assert found.positions["a"] == pytest.approx(position, rel=1e-15)
+
+
+@pytest.mark.parametrize(
     ("text", "position", "sigmas"),
     [
         ("SourceFile,GPSLatitude,GPSLongitude,GPSAltitude\na,1,2,3\n", (1.0, 2.0, 3.0), None),
-        (
-            "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude\n"
-            'a,"46 deg 30\' 36.00"" S","9 deg 15\' 0.00"" E",198.5 m Above Sea Level\n',
-            (-46.51, 9.25, 198.5),
-            None,
-        ),
-        (
-            "SourceFile\tGPSLatitude\tGPSLongitude\tGPSAltitude\n"
-            'a\t"46 deg 30\' 36"" North"\t"0 deg 0\' 36.00"" West"\t12 m Below Sea Level\n',
-            (46.51, -0.01, -12.0),
-            None,
-        ),
         (
             "Image Name,Easting (m),Northing (m),Altitude,Ellipsoidal Height\na,1,2,9,3\n",
             (1.0, 2.0, 3.0),
