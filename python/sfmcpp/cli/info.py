@@ -26,7 +26,8 @@ Source = Annotated[
     Path,
     typer.Argument(
         metavar="INPUT",
-        help="Problem, tracks, trajectory, sensor file, positions, drive, images, video or ROS bag.",
+        help="Problem, tracks, trajectory, sensor file, positions, calibration, drive, images, video or ROS "
+        "bag.",
     ),
 ]
 
@@ -70,6 +71,8 @@ def facts_of(source: Path) -> list[Fact]:
     if source.suffix.lower() == ".mat":
         return list(_drive(source))
     suffixes = {suffix.lower() for suffix in source.suffixes}
+    if source.suffix.lower() in (".yaml", ".yml", ".xml"):
+        return list(_calibration(source))
     if suffixes & {".mrk", ".pos"}:
         return list(_positions(source))
     if ".csv" in suffixes:
@@ -257,6 +260,21 @@ def _images(source: Path) -> Iterator[Fact]:
         yield "camera", _camera(read_intrinsics(find_camera(source)))
     except DatasetError:
         yield "camera", "no calibration with the images"
+
+
+def _calibration(source: Path) -> Iterator[Fact]:
+    """All cameras of a file, those too that are refused, with the reason."""
+    from sfmcpp.sources.cameras import read_intrinsics
+    from sfmcpp.sources.io.calibration import camera_names
+
+    names = camera_names(source)
+    yield "format", "calibration"
+    for name in names:
+        try:
+            told = _camera(read_intrinsics(source.with_name(f"{source.name}:{name}") if name else source))
+        except DatasetError as error:
+            told = f"refused: {error.reason}"
+        yield name or "camera", told
 
 
 def _photos(source: Path) -> Iterator[Fact]:

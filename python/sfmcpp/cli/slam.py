@@ -100,9 +100,9 @@ Camera = Annotated[
     str | None,
     typer.Option(
         metavar="FILE|F,CX,CY",
-        help="Camera of images: K.txt, calib.txt, YAML or XML of OpenCV, Kalibr (FILE:cam1 for one of "
-        "several) or EuRoC; or values in pixels, also F,ASPECT,CX,CY,SKEW. Default: calib.txt, K.txt "
-        "or sensor.yaml with the images or one folder above.",
+        help="Camera of images: K.txt, calib.txt, YAML or XML of OpenCV, ROS, Kalibr (FILE:cam1 or FILE:M1 "
+        "for one of several) or EuRoC; or values in pixels, also F,ASPECT,CX,CY,SKEW. Default: calib.txt, "
+        "K.txt or sensor.yaml with the images or one folder above.",
     ),
 ]
 Fps = Annotated[
@@ -110,8 +110,9 @@ Fps = Annotated[
     typer.Option(
         callback=_fps,
         metavar="N",
-        help="Images per second, positive. Default: times.txt (seconds, or nanoseconds since 1970), EuRoC's "
-        "data.csv, image names in nanoseconds, the video's frame rate, or 10 for a folder.",
+        help="Images per second, positive. Default: times.txt (seconds, nanoseconds since 1970 or "
+        "ISO 8601), KITTI's timestamps.txt, EuRoC's data.csv, image names in nanoseconds, the video's "
+        "frame rate, or 10 for a folder.",
     ),
 ]
 Corners = Annotated[str, choice_option(CORNERS, "Corners to track in images")]
@@ -128,7 +129,8 @@ Stereo = Annotated[
         "--stereo",
         help="Also use right images, which give metric scale: of a KITTI drive, or those in the folder "
         "beside (cam1, image_1, image_3, image_r, right). Where the right camera is tell EuRoC's "
-        "sensor.yaml, P0 and P1 of calib.txt, Kalibr's camera chain, or --baseline.",
+        "sensor.yaml, P0 and P1 of calib.txt, Kalibr's camera chain, OpenCV's stereo calibration, ROS's "
+        "left.yaml and right.yaml, or --baseline.",
     ),
 ]
 Right = Annotated[

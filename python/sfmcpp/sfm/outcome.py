@@ -17,6 +17,7 @@ from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.still_features import stands_still
+from sfmcpp.sfm.zoomed_images import zoom_warnings
 from sfmcpp.sources.vision.images import photos_of_video
 from sfmcpp.sources.vision.photos import PhotoFolder
 
@@ -163,6 +164,7 @@ def warnings_of(
             warnings.append(contradiction_warning(graph, denying))
         elif missing := pairs_with_missing_matches(graph, world, settings):
             warnings.append(missing_matches_warning(graph, missing))
+    warnings += zoom_warnings(graph, grown.models)
     if len(grown.models) > 1:
         sizes = _sizes_in_words([int(np.count_nonzero(world.registered)) for world in grown.models])
         warnings.append(f"the images form {len(grown.models)} separate models of {sizes}")

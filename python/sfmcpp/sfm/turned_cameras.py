@@ -8,7 +8,7 @@ there one focal length and distortion make rotations of the rays.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -174,17 +174,22 @@ def _median_error_px(homography: FloatArray, first: FloatArray, second: FloatArr
 
 def _focal_of_rotations(pairs: Sequence[_Matches], row: FloatArray) -> float | None:
     """Focal length with which rotations explain nearly all pairs as well as homographies do [px]."""
+
+    def worse(focal_px: float) -> FloatArray:
+        return np.array([_rotation_error_px(m, focal_px, row) / m.error_px for m in pairs])
+
+    focal_px = focal_of_least(lambda focal: float(np.median(worse(focal))), row)
+    return focal_px if np.mean(worse(focal_px) <= _WORSE) >= _MOST else None
+
+
+def focal_of_least(error: Callable[[float], float], row: FloatArray) -> float:
+    """Focal length [px] with which an error is least, of those that a lens with this centre may have."""
     from scipy.optimize import minimize_scalar
 
-    side = 2 * row[2:4].max()
-
-    def worse(focal: float) -> FloatArray:
-        return np.array([_rotation_error_px(m, focal * side, row) / m.error_px for m in pairs])
-
-    best = int(np.argmin([np.median(worse(focal)) for focal in _TRIED]))
-    around = _TRIED[max(best - 1, 0)], _TRIED[min(best + 1, len(_TRIED) - 1)]
-    focal = float(minimize_scalar(lambda x: float(np.median(worse(x))), bounds=around, method="bounded").x)
-    return focal * side if np.mean(worse(focal) <= _WORSE) >= _MOST else None
+    tried = _TRIED * 2 * row[2:4].max()
+    best = int(np.argmin([error(focal) for focal in tried]))
+    around = tried[max(best - 1, 0)], tried[min(best + 1, len(tried) - 1)]
+    return float(minimize_scalar(error, bounds=around, method="bounded").x)
 
 
 def _rotation_error_px(matches: _Matches, focal_px: float, row: FloatArray) -> float:

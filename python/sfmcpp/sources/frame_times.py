@@ -1,7 +1,8 @@
 """Times of images, as given by the user or found beside them.
 
 The first that there is counts: a frame rate of the user; stamps of the sensors' drive; ``times.txt``, a line
-for each image, in seconds or, of some clock since 1970, in nanoseconds; EuRoC's ``data.csv``, which tells the
+for each image, in seconds, of some clock since 1970 in nanoseconds, or in ISO 8601; KITTI's
+``timestamps.txt``, which is that; EuRoC's ``data.csv``, which tells the
 time of each image by its name; names of images that are nanoseconds or, with decimals, seconds since 1970;
 the times of the frames of a video, or its frame rate; ten a second. Files lie with the images or one folder
 above.
@@ -21,12 +22,13 @@ from sfmcpp.model.checks import require_positive
 from sfmcpp.sources.cameras import file_beside
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines
 from sfmcpp.sources.io.files import failures_named, is_folder, read_text_bytes
+from sfmcpp.sources.io.iso_times import seconds_of_iso
 from sfmcpp.sources.io.number_text import NumberText
 from sfmcpp.sources.io.sensor_columns import parse_column
 from sfmcpp.sources.vision import Frames
 
 _FOLDER_FPS = 10.0
-_TIMES, _EUROC = "times.txt", "data.csv"
+_TIMES, _KITTI, _EUROC = "times.txt", "timestamps.txt", "data.csv"
 _NS = 1e-9
 # No clock of seconds is in the year 5138, nor one of nanoseconds in 1973.
 _NO_SECONDS, _SURELY_NS = 1e11, 1e17
@@ -155,7 +157,7 @@ def _frame_rate_of_video(images: Frames) -> float:
 
 def _times_beside_images(images: Frames) -> FloatArray | None:
     """Times from files or names of images [s]; None if there are none."""
-    listed = file_beside(images.path, _TIMES)
+    listed = file_beside(images.path, _TIMES) or _iso_times_beside(images.path)
     if listed is not None:
         return read_times(listed, lambda count: require_as_many(listed, count, "times", images))
     by_name = file_beside(images.path, _EUROC)
@@ -163,8 +165,21 @@ def _times_beside_images(images: Frames) -> FloatArray | None:
     return times_of_names(images) if found is None else found
 
 
+def _iso_times_beside(images: Path) -> Path | None:
+    """KITTI's list of times; other data sets have other lists of that name."""
+    path = file_beside(images, _KITTI)
+    return path if path is not None and _holds_iso_times(path) else None
+
+
+def _holds_iso_times(path: Path) -> bool:
+    with failures_named(path):
+        lines = read_text_bytes(path).decode("utf-8-sig", "replace").splitlines()
+    first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    return seconds_of_iso(first) is not None
+
+
 def read_times(path: Path, require_fit: Callable[[int], None]) -> FloatArray:
-    """Read times from the lines of a file, in seconds or, since 1970, in nanoseconds.
+    """Read times from the lines of a file, in seconds, since 1970 in nanoseconds, or in ISO 8601.
 
     Parameters
     ----------
@@ -183,6 +198,8 @@ def read_times(path: Path, require_fit: Callable[[int], None]) -> FloatArray:
     DatasetError
         If the file cannot be read, or times are neither or do not increase; and what `require_fit` raises.
     """
+    if _holds_iso_times(path):
+        return _read_iso_times(path, require_fit)
     with failures_named(path):
         text = NumberText(path, read_text_bytes(path), comments=True)
     text.require_line_counts(text.lines.count == 1, "1, the time of an image in seconds")
@@ -199,6 +216,20 @@ def read_times(path: Path, require_fit: Callable[[int], None]) -> FloatArray:
         worst = int(np.argmin(later))
         raise text.error(f"time {values[worst]:.15g} s: must be later than the one before", worst)
     return values
+
+
+def _read_iso_times(path: Path, require_fit: Callable[[int], None]) -> FloatArray:
+    lines = [(number, line) for number, line in numbered_lines(path) if not line.lstrip().startswith("#")]
+    found = [(number, line, seconds_of_iso(line)) for number, line in lines]
+    times: list[float] = []
+    for number, line, time_s in found:
+        if time_s is None:
+            raise DatasetError(path, f"{line.strip()[:40]!r} is no time in ISO 8601 as those before", number)
+        if times and time_s <= times[-1]:
+            raise DatasetError(path, f"time {line.strip()}: must be later than the one before", number)
+        times.append(time_s)
+    require_fit(len(times))
+    return np.array(times)
 
 
 def _times_by_name(path: Path, images: Frames) -> FloatArray | None:

@@ -186,7 +186,8 @@ def open_images(
     Returns
     -------
     stream : ImageStream
-        Its times are, the first that there is: `fps`, the stamps, ``times.txt``, EuRoC's ``data.csv``, names
+        Its times are, the first that there is: `fps`, the stamps, ``times.txt``, KITTI's ``timestamps.txt``,
+        EuRoC's ``data.csv``, names
         of images that are nanoseconds, the times or the rate of the video, ten a second; see
         :mod:`sfmcpp.sources.frame_times`. While it runs, it leaves out images of a folder that cannot be
         read, up to a tenth, and raises a DatasetError if they are more, or an image has no time.

@@ -13,15 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sensors import Mounting
 from sfmcpp.sources.cameras import camera_file
 from sfmcpp.sources.io.calibration import chosen_camera
 from sfmcpp.sources.io.documents import DOCUMENTS, Node, read_document
 from sfmcpp.sources.io.files import failures_named, is_present, read_text_bytes
 from sfmcpp.sources.io.number_text import NumberText
+from sfmcpp.sources.io.opencv_cameras import exact_rotation
 
 _NAMES: dict[str, Callable[[], Mounting]] = {
     "camera": lambda: Mounting(np.eye(3), np.zeros(3)),
@@ -153,9 +152,7 @@ def pose_of(node: Node, name: str) -> FloatArray:
     pose = np.reshape(numbers, (4, 4))
     if not np.array_equal(pose[3], [0, 0, 0, 1]):
         raise node.error(f"the last row of {name} is {pose[3].tolist()}: must be 0 0 0 1")
-    if not is_rotation(pose[:3, :3], PRINTED_ROTATION_TOLERANCE):
-        raise node.error(f"{name} holds no rotation")
-    return np.column_stack([nearest_rotation(pose[:3, :3]), pose[:3, 3]])
+    return np.column_stack([exact_rotation(node, pose[:3, :3], name), pose[:3, 3]])
 
 
 def _read_mounting(path: Path) -> Mounting:

@@ -30,6 +30,11 @@ from sfmcpp.sources.vision.klt import find_corners
 # Farthest from its epipolar line, and behind infinity by its disparity, that a corner may be found [px]. Of
 # rendered pairs 98 % are within 0.5 px; calibrations are off by some tenths.
 _OFF_LINE_PX, _BEHIND_PX = 1.5, 1.0
+# Where corners of the pairs are farther off in the middle, they are of another camera: of rectified images
+# taken for those of a lens, or the other way round, a third of the corners may still be near their lines.
+_OTHER_CAMERA_PX = 0.5
+# A right camera farther beside the left one is likely one whose millimetres were taken for metres [m].
+_LONGEST_M = 10.0
 # An image pair is left out if that share of its corners fits no such pair, of so many or more; and all are
 # where that share of those so far is: one that fits does so by chance, or as the camera stands.
 _MOST_CONTRADICT, _FEWEST = 0.5, 20
@@ -53,6 +58,7 @@ class _Tally:
     used: int = 0
     seen: int = 0
     alone: list[int] = field(default_factory=list)
+    used_off_px: list[float] = field(default_factory=list)
     off_line_px: list[float] = field(default_factory=list)
     behind: int = 0
 
@@ -163,10 +169,14 @@ class RightImages:
         tally.frames += 1
         found, agreeing = np.count_nonzero(good), np.count_nonzero(fits)
         tally.corners, tally.found = tally.corners + len(good), tally.found + found
-        if found < _FEWEST or agreeing > _MOST_CONTRADICT * found:
+        if found < _FEWEST:
+            return not tally.are_no_pairs
+        middle_px = float(np.median(off_px[good]))
+        if agreeing > _MOST_CONTRADICT * found:
+            tally.used_off_px.append(middle_px)
             return not tally.are_no_pairs
         if np.count_nonzero(on_line) <= _MOST_CONTRADICT * found:
-            tally.off_line_px.append(float(np.median(off_px[good])))
+            tally.off_line_px.append(middle_px)
         else:
             tally.behind += 1
             if tally.behind == tally.frames == _SURELY_SWAPPED:
@@ -176,7 +186,8 @@ class RightImages:
     def _swapped_text(self) -> str:
         return (
             f"shows what {self._left.path} shows shifted to the wrong side: everything would be behind the "
-            "cameras; swap the left and the right images, if they were taken at one time"
+            "cameras; swap the left and the right images, if they were taken at one time and the camera is "
+            "that of these images"
         )
 
     @property
@@ -197,6 +208,17 @@ class RightImages:
                 f"in {len(off_px)} of {tally.frames} pairs of images most of what both show is off its "
                 f"epipolar line, by {np.median(off_px):.2g} px: the pair is not rectified, or not calibrated "
                 f"so, or left and right were swapped or not taken at one time; {left_out}"
+            )
+        if tally.used_off_px and (off := float(np.median(tally.used_off_px))) > _OTHER_CAMERA_PX:
+            yield (
+                f"what both images of a pair show is off its epipolar line by {off:.2g} px in the middle: "
+                "the cameras are not those of the images, as rectified images need others than "
+                "those that they were made of; the map and its scale are wrong then"
+            )
+        if (beside_m := float(np.linalg.norm(self.pair.centre_m))) > _LONGEST_M:
+            yield (
+                f"the right camera is {beside_m:.4g} m beside the left one by its calibration: if those are "
+                "millimetres, the map is 1000 times too large"
             )
         if tally.behind:
             yield (

@@ -2,8 +2,8 @@
 
 Its images are the sibling of the left ones by the usual names: ``cam1/data`` of EuRoC, ``image_1`` or
 ``image_03`` of KITTI, ``image_r``, ``right``. Where the camera is tells the first that there is: a baseline
-of the user; the camera chain of Kalibr, or KITTI's ``calib.txt``, that the left camera is from; how both sit
-on the body, ``T_BS`` of EuRoC's ``sensor.yaml``.
+of the user; the camera chain of Kalibr, KITTI's ``calib.txt``, or the file of OpenCV, ROS or ORB-SLAM
+that the left camera is from; how both sit on the body, ``T_BS`` of EuRoC's ``sensor.yaml``.
 """
 
 from __future__ import annotations
@@ -19,19 +19,25 @@ import numpy as np
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.epipolar import inverse_depths
-from sfmcpp.geometry.pinhole import homogeneous, inverse_calibration, pinhole_rows, to_normalised, to_pixels
+from sfmcpp.geometry.pinhole import homogeneous, pinhole_rows, to_normalised, to_pixels
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sources.cameras import (
     CALIBRATION_FILES,
     camera_file,
+    file_beside,
     places_beside,
     projection_matrices,
     read_camera,
 )
-from sfmcpp.sources.io.documents import DOCUMENTS, read_document
+from sfmcpp.sources.io.calibration import kalibr_cameras
+from sfmcpp.sources.io.documents import DOCUMENTS, Node, read_document
 from sfmcpp.sources.io.files import is_folder, is_present, is_regular_file
+from sfmcpp.sources.io.intrinsics import matrix_fault
+from sfmcpp.sources.io.opencv_cameras import opencv_cameras
+from sfmcpp.sources.io.orb_slam import orb_slam_cameras, orb_slam_pose
 from sfmcpp.sources.mounting_files import mounting_beside_camera, pose_of
+from sfmcpp.sources.opencv_pairs import opencv_pair
 
 _KALIBR_STEP = "T_cn_cnm1"  # of a camera of a chain from the one before
 # The left camera has an even number: cam0, image_00, image_2.
@@ -135,7 +141,8 @@ def stereo_pair(
     intrinsics : (5,) or (12,) float64
         Of the left camera.
     camera : Path or None
-        The file that they are of.
+        The file that they are of. None if the user told numbers: a ``calib.txt`` beside the images may tell
+        the baseline then.
     baseline_m : float or None
         The user's: the pair is rectified then.
 
@@ -151,7 +158,8 @@ def stereo_pair(
         require_positive("baseline_m", baseline_m)
         beside = np.column_stack([np.eye(3), [baseline_m, 0.0, 0.0]])
         return StereoPair(intrinsics, intrinsics if own is None else _intrinsics(own), beside)
-    if camera is not None and (found := _pair_of_file(left_images, right, intrinsics, camera)) is not None:
+    file = file_beside(left_images, "calib.txt") if camera is None else camera
+    if file is not None and (found := _pair_of_file(left_images, right, intrinsics, file)) is not None:
         return found
     poses = None if camera is None or own is None else _pose_on_body(camera, own)
     if own is None or poses is None:
@@ -175,8 +183,8 @@ def _unknown_pose_text(camera: Path | None, own: Path | None) -> str:
     looked = f" in {files}" if files else ""
     return (
         f"where its camera is beside the left one is not known: looked{looked} for P0 and P1 of KITTI's "
-        f"calib.txt, T_BS of EuRoC's sensor.yaml of both, {_KALIBR_STEP} of Kalibr; give --baseline METRES "
-        "of a rectified pair"
+        f"calib.txt, T_BS of EuRoC's sensor.yaml of both, {_KALIBR_STEP} of Kalibr, R and T of OpenCV, "
+        "projection_matrix of ROS's files of both; give --baseline METRES of a rectified pair"
     )
 
 
@@ -190,30 +198,52 @@ def _pose_on_body(left: Path, right: Path) -> FloatArray | None:
 
 
 def _pair_of_file(left: Path, right: Path, intrinsics: FloatArray, camera: Path) -> StereoPair | None:
-    """The pair where one file has both cameras: KITTI's matrices, or a chain of Kalibr."""
+    """The pair by the file of the left camera: KITTI's matrices, a chain of Kalibr, OpenCV or ROS."""
     file, name = camera_file(camera)
     if file.suffix.lower() in DOCUMENTS:
-        return _pair_of_chain(intrinsics, file, name)
+        root = read_document(file)
+        if opencv_cameras(root):
+            return _pair_of_opencv(intrinsics, camera)
+        if orb_slam_cameras(root):
+            return _pair_of_orb_slam(root, intrinsics, name)
+        return _pair_of_chain(left, right, intrinsics, root, name)
     matrices = projection_matrices(file)
     rows = _rows_of(file, left, right, [name for name, _ in matrices])
     if rows is None:
         return None
-    one, other = (_centre(matrices[row][1], intrinsics) for row in rows)
+    one, other = (_centre(file, matrices[row][1]) for row in rows)
     beside = other - one
     if not beside.any():
         return None
     return StereoPair(intrinsics, intrinsics, np.column_stack([np.eye(3), beside]))
 
 
-def _centre(projection: FloatArray, intrinsics: FloatArray) -> FloatArray:
+def _pair_of_orb_slam(root: Node, intrinsics: FloatArray, name: str) -> StereoPair | None:
+    """The pair of a settings file; without a second camera both are rectified, and alike."""
+    first, *others = orb_slam_cameras(root)
+    pose = orb_slam_pose(root) if name in ("", first) else None
+    right = _intrinsics(_named(root.path, others[0])) if others else intrinsics
+    return None if pose is None else StereoPair(intrinsics, right, pose)
+
+
+def _centre(file: Path, projection: FloatArray) -> FloatArray:
     """Centre c (3,) of ``P = K [I | −c]``, b = −P[0, 3] / f where only x differs."""
-    return np.asarray(-inverse_calibration(intrinsics) @ projection[:, 3])
+    if (fault := matrix_fault(projection[:, :3])) is not None:
+        raise DatasetError(file, fault)
+    return np.asarray(-np.linalg.solve(projection[:, :3], projection[:, 3]))
+
+
+def _pair_of_opencv(intrinsics: FloatArray, camera: Path) -> StereoPair | None:
+    """The pair of one file of OpenCV, or of two of ROS: left.yaml and right.yaml."""
+    file, _ = camera_file(camera)
+    places = [place for place in _siblings(file.absolute()) if is_regular_file(place)]
+    found = opencv_pair(camera, next(iter(places), None))
+    return None if found is None else StereoPair(intrinsics, _intrinsics(found.path), found.pose)
 
 
 def _rows_of(file: Path, left: Path, right: Path, names: list[str]) -> tuple[int, int] | None:
     """Matrices of both cameras, by the numbers in the names of their folders; the two if there are two."""
-    parts = (reversed(path.absolute().parts) for path in (left, right))
-    differing = next(((a, b) for a, b in zip(*parts, strict=False) if a != b), ("", ""))
+    differing = _differing_parts(left, right)
     numbers = [_number(name, default=k) for k, name in enumerate(names)]
     wanted = [_number(name, default=-1) for name in differing]
     if len({*wanted}) == 2 and {*wanted} <= {*numbers}:
@@ -227,28 +257,58 @@ def _rows_of(file: Path, left: Path, right: Path, names: list[str]) -> tuple[int
     return (0, 1) if len(names) == 2 else None
 
 
+def _differing_parts(left: Path, right: Path) -> tuple[str, str]:
+    """Where two paths differ, from their ends: ``cam0`` and ``cam1`` of ``cam0/data`` and ``cam1/data``."""
+    parts = (reversed(path.absolute().parts) for path in (left, right))
+    return next(((a, b) for a, b in zip(*parts, strict=False) if a != b), ("", ""))
+
+
 def _number(name: str, default: int) -> int:
     digits = re.findall(r"\d+", name)
     return int(digits[-1]) if digits else default
 
 
-def _pair_of_chain(intrinsics: FloatArray, file: Path, name: str) -> StereoPair | None:
-    """The pair of a camera of Kalibr's chain and the one behind it, or before it if it is the last."""
-    root = read_document(file)
-    chain = {} if not isinstance(root.value, dict) else root.value
-    names = [key for key, part in chain.items() if part.part("intrinsics")]
+def _pair_of_chain(
+    left: Path, right: Path, intrinsics: FloatArray, root: Node, name: str
+) -> StereoPair | None:
+    """The pair of a camera of Kalibr's chain and the one that took the right images."""
+    chain = kalibr_cameras(root)
+    names = list(chain)
     if len(names) < 2 or name not in names:
         return None
-    place = names.index(name)
-    is_last = place + 1 == len(names)
-    other = names[place - 1 if is_last else place + 1]
-    node = chain[name if is_last else other].part(_KALIBR_STEP)
-    if node is None:
-        pose = _pose_on_body(_named(file, name), _named(file, other))
-    else:
-        step = pose_of(node, _KALIBR_STEP)
-        pose = step if is_last else _inverse(step)
-    return None if pose is None else StereoPair(intrinsics, _intrinsics(_named(file, other)), pose)
+    other = _other_of_chain(root, left, right, names, name)
+    pose = _pose_along_chain([*chain.values()], names.index(name), names.index(other))
+    if pose is None:
+        pose = _pose_on_body(_named(root.path, name), _named(root.path, other))
+    return None if pose is None else StereoPair(intrinsics, _intrinsics(_named(root.path, other)), pose)
+
+
+def _other_of_chain(root: Node, left: Path, right: Path, names: list[str], name: str) -> str:
+    """Which camera took the right images: by the number of their folder, or the only other one."""
+    folder = _differing_parts(left, right)[1]
+    numbers = {_number(key, default=k): key for k, key in enumerate(names)}
+    found = numbers.get(_number(folder, default=-1))
+    if found not in (None, name):
+        return str(found)
+    others = [key for key in names if key != name]
+    if len(others) > 1:
+        which = f"which of {', '.join(others)} took the right images; name their folder as that camera"
+        name = folder or right.name
+        raise root.error(f"holds {len(names)} cameras: the name {name} does not tell {which}")
+    return others[0]
+
+
+def _pose_along_chain(chain: list[Node], left: int, right: int) -> FloatArray | None:
+    """left_from_right (3, 4) by the steps between neighbours, each camera_from_the_one_before."""
+    low, high = sorted((left, right))
+    pose = np.eye(4)
+    for part in chain[low + 1 : high + 1]:
+        node = part.part(_KALIBR_STEP)
+        if node is None:
+            return None
+        pose = np.vstack([pose_of(node, _KALIBR_STEP), [0, 0, 0, 1]]) @ pose
+    high_from_low = pose[:3]
+    return high_from_low if left == high else _inverse(high_from_low)
 
 
 def _named(file: Path, name: str) -> Path:

@@ -107,6 +107,25 @@ def test_tracks_trajectories_and_positions_are_told_apart(tmp_path: Path) -> Non
     assert told == "2: latitude, longitude, height, with standard deviations"
 
 
+def test_a_calibration_tells_its_cameras(tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="PyYAML is not installed: pip install 'sfmcpp[vision]'")
+    file = tmp_path / "stereo.yml"
+    file.write_text(
+        "M1: [100, 0, 32, 0, 101, 24, 0, 0, 1]\nD1: [0.1, 0, 0, 0]\n"
+        "M2: [1, 2, 3]\nP1: [90, 0, 30, 0, 0, 90, 20, 0, 0, 0, 1, 0]\n"
+    )
+    found = facts(file)
+    assert found["format"] == "calibration"
+    assert found["M1"] == "f = 100 px, aspect 1.01, principal point (32, 24) px, with distortion"
+    assert found["M2"] == "refused: holds 3 numbers: must be 9, a matrix of 3×3"
+    assert found["P1"] == "f = 90 px, aspect 1, principal point (30, 20) px"
+    file.write_text("f: 3\n")
+    result = run_here("info", file)
+    assert result.returncode == 2
+    assert is_one_error_line(result)
+    assert "stereo.yml:1: holds no camera" in result.stderr
+
+
 def test_a_folder_of_images_tells_size_times_and_camera(tmp_path: Path) -> None:
     cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
     for k in range(3):

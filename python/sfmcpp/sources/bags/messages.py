@@ -124,7 +124,9 @@ def _compressed_image(message: Any, path: Path) -> tuple[str, bytes]:
 
 
 def camera_yaml(message: Any, images: str) -> str:
-    """A calibration in the form of ROS's and OpenCV's files; of rectified images that of their projection.
+    """A calibration in the form of ROS's files; of rectified images that of their projection.
+
+    Rectification and projection tell how the camera of a stereo pair sits beside the other one.
 
     Raises
     ------
@@ -139,14 +141,21 @@ def camera_yaml(message: Any, images: str) -> str:
     matrix = np.reshape(known["p"], (3, 4))[:, :3] if rectified else np.reshape(known["k"], (3, 3))
     coefficients = [] if rectified else list(map(float, known["d"]))
     lens = "plumb_bob" if rectified else message.distortion_model
-    numbers = ", ".join(repr(float(number)) for number in matrix.ravel())
+    turn = np.eye(3) if rectified else np.reshape(known["r"], (3, 3))
     size = f"image_width: {message.width}\nimage_height: {message.height}\n"
     return (
         f"{size if message.width and message.height else ''}"
-        f"camera_matrix: {{rows: 3, cols: 3, data: [{numbers}]}}\n"
+        f"{_matrix_yaml('camera_matrix', matrix)}"
         f"distortion_model: '{_word(lens)}'\n"
         f"distortion_coefficients: {{rows: 1, cols: {len(coefficients)}, data: {coefficients}}}\n"
+        f"{_matrix_yaml('rectification_matrix', turn)}"
+        f"{_matrix_yaml('projection_matrix', np.reshape(known['p'], (3, 4)))}"
     )
+
+
+def _matrix_yaml(name: str, matrix: NDArray[np.float64]) -> str:
+    numbers = ", ".join(repr(float(number)) for number in matrix.ravel())
+    return f"{name}: {{rows: {len(matrix)}, cols: {matrix.shape[1]}, data: [{numbers}]}}\n"
 
 
 def _word(text: str) -> str:

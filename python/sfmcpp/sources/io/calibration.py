@@ -1,4 +1,4 @@
-"""Calibration files of OpenCV (and ROS), Kalibr and EuRoC.
+"""Calibration files of OpenCV (and ROS), Kalibr, EuRoC and ORB-SLAM.
 
 All mean ``u = fu x + cu``, ``v = fv y + cv`` after the distortion ``k1, k2, p1, p2[, k3]`` of OpenCV ("plumb
 bob", "radtan", "radial-tangential"), which the camera model ``"perspective"`` holds without loss. Other
@@ -8,11 +8,13 @@ lens is a fisheye: four numbers are always k1, k2, p1, p2.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.documents import Node, read_document
 from sfmcpp.sources.io.intrinsics import (
@@ -21,14 +23,16 @@ from sfmcpp.sources.io.intrinsics import (
     perspective_rows,
     pinhole_of_matrix,
 )
+from sfmcpp.sources.io.opencv_cameras import OpencvCamera, opencv_cameras
+from sfmcpp.sources.io.orb_slam import orb_slam_camera, orb_slam_cameras
 
-_MATRIX = ("camera_matrix", "cameraMatrix", "K")
-_OPENCV_DISTORTION = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D")
 _COEFFICIENTS = ("distortion_coeffs", "distortion_coefficients")
 # Names that the programs have for one and the same lens, and for none. ROS's rational polynomial is the same
 # where its denominator is 1: coefficients beyond k3 are refused below.
 _RADIAL_TANGENTIAL = ("radtan", "radial-tangential", "plumb_bob", "rational_polynomial")
 _NONE = ("none", "")
+# ROS's names, and ORB-SLAM's.
+_SIZE = (("image_width", "Camera.width"), ("image_height", "Camera.height"))
 # OpenCV's order; what follows belongs to lenses that the camera model does not hold.
 _ORDER = ("k1", "k2", "p1", "p2", "k3")
 
@@ -74,7 +78,7 @@ class Calibration:
         if self.part is None:
             return None
         node = self.part.part("resolution")
-        parts = [self.part.part(name) for name in ("image_width", "image_height")] if node is None else [node]
+        parts = [self.part.part(*names) for names in _SIZE] if node is None else [node]
         numbers = [number for part in parts if part is not None for number in part.numbers()]
         return (int(numbers[0]), int(numbers[1])) if len(numbers) == 2 else None
 
@@ -85,10 +89,12 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
     Parameters
     ----------
     path : Path
-        A YAML or XML file of OpenCV with ``camera_matrix`` and ``distortion_coefficients`` (or ``K`` and
-        ``D``), a camera chain of Kalibr, or a ``sensor.yaml`` of EuRoC.
+        A YAML or XML file of OpenCV or ROS with ``camera_matrix`` and ``distortion_coefficients`` (or ``K``
+        and ``D``), or those of a stereo pair; a camera chain of Kalibr, a ``sensor.yaml`` of EuRoC, or
+        settings of ORB-SLAM.
     camera : str
-        Which one of a file that holds several: ``"cam1"``.
+        Which one of a file that holds several: ``"cam1"``; of OpenCV and ROS the name of its matrix, as
+        ``"M1"``. That of a projection matrix, as ``"P1"``, is the camera of rectified images.
 
     Returns
     -------
@@ -100,9 +106,27 @@ def read_calibration(path: Path, camera: str = "") -> Calibration:
         If the file cannot be read, holds no such camera, or one with another lens.
     """
     root = read_document(path)
+    if opencv_cameras(root):
+        return _opencv(opencv_camera(root, camera))
+    if cameras := orb_slam_cameras(root):
+        return _orb_slam(root, camera or cameras[0], cameras)
     chosen = chosen_camera(root, camera)
-    matrix, distortion, lens = _opencv(chosen) if chosen.part(*_MATRIX) else _euroc_or_kalibr(chosen)
-    return Calibration(_intrinsics(matrix, distortion, lens), chosen, first_pixel_px=0.0)
+    return Calibration(_intrinsics(*_euroc_or_kalibr(chosen)), chosen, first_pixel_px=0.0)
+
+
+def camera_names(path: Path) -> list[str]:
+    """Names of the cameras of a file, as :func:`read_calibration` takes them; one empty name of an only one.
+
+    Raises
+    ------
+    DatasetError
+        If the file cannot be read, or holds no camera.
+    """
+    root = read_document(path)
+    found = [*opencv_cameras(root)] or orb_slam_cameras(root) or [*kalibr_cameras(root)]
+    if not found:
+        chosen_camera(root, "")
+    return found or [""]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,28 +145,62 @@ def chosen_camera(root: Node, camera: str) -> Node:
     DatasetError
         If there is none, or several and no name.
     """
-    parts = root.value if isinstance(root.value, dict) else {}
-    several = {name: part for name, part in parts.items() if part.part("intrinsics")}
+    several = kalibr_cameras(root)
     if camera and camera not in several:
-        raise root.error(f"holds no camera {camera!r}{': it holds ' * bool(several)}{', '.join(several)}")
+        raise _no_camera(root, camera, several)
     if len(several) > 1 and not camera:
-        raise root.error(
-            f"holds {', '.join(several)}: say which, as in {root.path.name}:{next(iter(several))}"
-        )
-    if not several and not root.part("intrinsics", *_MATRIX):
+        raise _several_cameras(root, several)
+    if not several and not root.part("intrinsics"):
         rule = "must be of OpenCV (camera_matrix, or K), Kalibr (cam0: intrinsics) or EuRoC (intrinsics)"
         raise root.error(f"holds no camera: {rule}")
     return several[camera] if camera else next(iter(several.values()), root)
 
 
-def _opencv(camera: Node) -> tuple[_Values, _Values, str]:
-    node = camera.part(*_MATRIX)
-    assert node is not None
-    numbers = node.numbers()
-    if len(numbers) != 9:
-        raise node.error(f"holds {len(numbers)} numbers: must be 9, a calibration matrix")
-    lens = camera.part("distortion_model")
-    return _Values(node, numbers), _distortion(camera, _OPENCV_DISTORTION), _text_of(lens, "plumb_bob")
+def kalibr_cameras(root: Node) -> dict[str, Node]:
+    """The cameras of a chain by their names; nothing of another file."""
+    parts = root.value if isinstance(root.value, dict) else {}
+    return {name: part for name, part in parts.items() if part.part("intrinsics")}
+
+
+def opencv_camera(root: Node, name: str) -> OpencvCamera:
+    """The camera of that name in a file of OpenCV or ROS, or the only one of images as taken.
+
+    Raises
+    ------
+    DatasetError
+        If there is none, or several and no name.
+    """
+    cameras = opencv_cameras(root)
+    if name and name not in cameras:
+        raise _no_camera(root, name, cameras)
+    as_taken = [camera for camera in cameras.values() if not camera.rectified]
+    if len(as_taken or cameras) > 1 and not name:
+        raise _several_cameras(root, cameras)
+    return cameras[name] if name else next(iter(cameras.values()))
+
+
+def _no_camera(root: Node, name: str, known: Collection[str]) -> DatasetError:
+    return root.error(f"holds no camera {name!r}{': it holds ' * bool(known)}{', '.join(known)}")
+
+
+def _several_cameras(root: Node, known: Collection[str]) -> DatasetError:
+    return root.error(f"holds {', '.join(known)}: say which, as in {root.path.name}:{next(iter(known))}")
+
+
+def _opencv(camera: OpencvCamera) -> Calibration:
+    matrix = _Values(camera.matrix, camera.calibration_matrix().ravel().tolist())
+    node = camera.distortion()
+    distortion = _Values(camera.root, []) if node is None else _Values(node, node.numbers())
+    lens = "" if camera.rectified else _text_of(camera.root.part("distortion_model"), "plumb_bob")
+    return Calibration(_intrinsics(matrix, distortion, lens), camera.root, first_pixel_px=0.0)
+
+
+def _orb_slam(root: Node, name: str, known: Collection[str]) -> Calibration:
+    if name not in known:
+        raise _no_camera(root, name, known)
+    matrix, distortion = orb_slam_camera(root, name)
+    values = _Values(root, matrix.ravel().tolist()), _Values(root, distortion)
+    return Calibration(_intrinsics(*values, "plumb_bob"), root, first_pixel_px=0.0)
 
 
 def _euroc_or_kalibr(camera: Node) -> tuple[_Values, _Values, str]:
@@ -156,16 +214,12 @@ def _euroc_or_kalibr(camera: Node) -> tuple[_Values, _Values, str]:
         raise node.error(f"holds {len(numbers)} numbers: must be 4, fu, fv, cu, cv")
     fu, fv, cu, cv = numbers
     matrix = [fu, 0.0, cu, 0.0, fv, cv, 0.0, 0.0, 1.0]
+    distortion = camera.part(*_COEFFICIENTS)
     return (
         _Values(node, matrix),
-        _distortion(camera, _COEFFICIENTS),
+        _Values(camera, []) if distortion is None else _Values(distortion, distortion.numbers()),
         _text_of(camera.part("distortion_model"), ""),
     )
-
-
-def _distortion(camera: Node, names: tuple[str, ...]) -> _Values:
-    node = camera.part(*names)
-    return _Values(camera, []) if node is None else _Values(node, node.numbers())
 
 
 def _text_of(node: Node | None, default: str) -> str:

@@ -1,4 +1,4 @@
-"""YAML and XML documents, with line numbers for error messages."""
+"""YAML, JSON and XML documents, with line numbers for error messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.files import failures_named, read_text_bytes
 from sfmcpp.sources.io.number_text import number_of
 
-DOCUMENTS = (".yaml", ".yml", ".xml")
+DOCUMENTS = (".yaml", ".yml", ".json", ".xml")
 _LARGEST_BYTES = 1 << 20
 _DEEPEST = 50
 _TOO_DEEP = f"nests more than {_DEEPEST} parts"
@@ -75,7 +75,7 @@ class Node:
 
 
 def read_document(path: Path) -> Node:
-    """Read a file of YAML or, by its suffix, XML.
+    """Read a file of YAML, of JSON, which is YAML but for tabs, or, by its suffix, XML.
 
     Raises
     ------
@@ -86,7 +86,9 @@ def read_document(path: Path) -> Node:
         data = read_text_bytes(path)
     if len(data) > _LARGEST_BYTES:
         raise DatasetError(path, f"holds {len(data)} bytes: must be {_LARGEST_BYTES} at most")
-    return _read_xml(path, data) if path.suffix.lower() == ".xml" else _read_yaml(path, data)
+    if path.suffix.lower() == ".xml":
+        return _read_xml(path, data)
+    return _read_yaml(path, data.replace(b"\t", b" ") if path.suffix.lower() == ".json" else data)
 
 
 def _read_yaml(path: Path, data: bytes) -> Node:
@@ -96,8 +98,12 @@ def _read_yaml(path: Path, data: bytes) -> Node:
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
         _require_plain(path, yaml, yaml.parse(text, Loader=loader))
-        root = yaml.compose(text, Loader=loader)
-        return _node_of_yaml(path, yaml, root)
+        # A message that ROS prints ends as if another one followed.
+        roots = [root for root in yaml.compose_all(text, Loader=loader) if not _is_empty(yaml, root)]
+        if len(roots) > 1:
+            line = roots[1].start_mark.line + 1
+            raise DatasetError(path, f"holds {len(roots)} documents: must be one", line)
+        return _node_of_yaml(path, yaml, roots[0] if roots else None)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else None
@@ -128,6 +134,10 @@ def _load_yaml(path: Path) -> ModuleType:
         raise DatasetError(path, "YAML needs PyYAML: pip install 'sfmcpp[vision]'") from None
     module: ModuleType = yaml
     return module
+
+
+def _is_empty(yaml: ModuleType, node: Any) -> bool:
+    return isinstance(node, yaml.ScalarNode) and node.value == ""
 
 
 def _node_of_yaml(path: Path, yaml: ModuleType, node: Any) -> Node:

@@ -17,6 +17,7 @@ from sfmcpp.sources.io.csv_text import (
     separator_of,
     unit_factor,
 )
+from sfmcpp.sources.io.exif_text import number_of_exif_text
 
 Triple = tuple[float, float, float]
 NumberedLine = tuple[int, str]
@@ -209,8 +210,13 @@ class PositionColumns:
 
 
 def _numbers(source: Path, line: int, cells: Sequence[str], columns: Sequence[Column]) -> Triple:
-    x, y, z = (finite_number(source, line, c.header, cells[c.place], c.factor) for c in columns)
+    x, y, z = (_number(source, line, cells[column.place], column) for column in columns)
     return x, y, z
+
+
+def _number(source: Path, line: int, cell: str, column: Column) -> float:
+    printed = number_of_exif_text(cell)
+    return finite_number(source, line, column.header, cell, column.factor) if printed is None else printed
 
 
 def _sigma_columns(headers: Sequence[str]) -> list[Column]:

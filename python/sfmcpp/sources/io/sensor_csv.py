@@ -8,8 +8,8 @@ For example::
 
 A cell left empty is a measurement that was not made at that time: sensors of different rates can share a
 file. Cells may be apart by ``;`` or tabs, then with decimal commas, too, and between double quotes. Columns
-of other names are left out, and so are lines that start with ``#``, but for a header that does. EuRoC's
-``imu0/data.csv`` is read as it is.
+of other names are left out, and so are lines that start with ``#``, but for a header that does. Times may be
+those of ISO 8601, without a unit. EuRoC's ``imu0/data.csv`` is read as it is.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from sfmcpp.sources.io.csv_text import (
     separator_of,
     with_decimal_points,
 )
+from sfmcpp.sources.io.iso_times import seconds_of_iso
 from sfmcpp.sources.io.number_text import number_of
 from sfmcpp.sources.io.sensor_columns import (
     ADVICE,
@@ -101,6 +102,7 @@ def read_sensor_csv(
     asked = [_Asked(header, own) for header, own in (columns or {}).items()]
     _require_different(asked)
     (number, headers), rows = _split(source)
+    _name_unit_of_iso_times(headers, rows)
     constants = [column for column in asked if not _renamed(source, number, headers, column)]
     known = _columns(source, number, headers, [column.column.name for column in constants])
     cells = _cells(source, known, rows, constants)
@@ -172,6 +174,14 @@ def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool
     if place is not None:
         headers[place] = asked.header
     return place is not None
+
+
+def _name_unit_of_iso_times(headers: list[str], rows: list[_Line]) -> None:
+    """Where cells below a header of times without a unit are times in ISO 8601, these make seconds."""
+    first = rows[0][1] if rows else []
+    for place, (header, cell) in enumerate(zip(headers, first, strict=False)):
+        if KNOWN.get(header.lower()) == "t" and seconds_of_iso(cell) is not None:
+            headers[place] = "t [s]"
 
 
 def _with_constants(table: Table, constants: list[_Asked]) -> Table:
@@ -265,6 +275,8 @@ def _row(path: Path, number: int, cells: list[str], columns: list[Column | None]
 def _number(path: Path, number: int, cell: str, column: Column) -> float:
     if not cell and column.name != "t":
         return math.nan
+    if column.name == "t" and (seconds := seconds_of_iso(cell)) is not None:
+        return seconds
     empty = "" if column.name == "t" else ", or none where nothing was measured: an empty cell"
     return finite_number(path, number, column.name, cell, column.factor, empty)
 

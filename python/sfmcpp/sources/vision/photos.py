@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,26 +21,27 @@ from sfmcpp.sources.io.files import failures_named, is_folder, is_present, is_re
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
-    eight_bits,
     images_and_videos,
     is_foreign_picture,
     is_picture,
     is_video,
     load_cv2,
     load_pillow,
-    open_image,
-    unreadable,
     where_images_are,
-    white_level,
 )
-
-ColorImage = NDArray[np.uint8]
+from sfmcpp.sources.vision.photo_pixels import (
+    ColorImage,
+    as_rgb,
+    bytes_of,
+    decoded,
+    has_deep_colors,
+    has_transparency,
+    opaque_part,
+    opened_image,
+)
 
 _DIGEST_BYTES = 20
 _THUMBNAIL_QUALITY = 80
-_HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1")
-# Pillow's modes of 16 bits a pixel and of floats; 32-bit "I" is what its older versions make of 16-bit PNG.
-_DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
 
 
 @dataclass(frozen=True)
@@ -190,7 +188,7 @@ def read_color(photo: Photo) -> ColorImage:
     Returns
     -------
     (height, width, 3) uint8
-        Of deeper grey levels the upper 8 of the bits used: 8, 10, 12, 14 or 16. Of floats 1 is white.
+        Of deeper levels the upper 8 of the bits used: 8, 10, 12, 14 or 16. Of floats 1 is white.
 
     Raises
     ------
@@ -203,8 +201,9 @@ def read_color(photo: Photo) -> ColorImage:
 def read_color_and_opaque(photo: Photo) -> tuple[ColorImage, NDArray[np.bool_] | None]:
     """As :func:`read_color`, and where it is not transparent; None if it is so nowhere or everywhere."""
     file = _file_of(photo)
-    with _opened_image(file, _bytes_of(file)) as image:
-        pixels, opaque = _as_rgb(file, image), _opaque(file, image)
+    data = bytes_of(file)
+    with opened_image(file, data) as image:
+        pixels, opaque = as_rgb(file, data, image), opaque_part(file, image)
     if pixels.shape[1::-1] != photo.size:
         now, then = "×".join(map(str, pixels.shape[1::-1])), "×".join(map(str, photo.size))
         raise DatasetError(file, f"has {now} pixels now, and had {then} when the folder was opened")
@@ -233,9 +232,9 @@ def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool
     DatasetError
         If the mask is gone, cut short or otherwise not to be decoded, or has another size.
     """
-    with _opened_image(file, _bytes_of(file)) as image:
+    with opened_image(file, bytes_of(file)) as image:
         _require_mask_size(file, image.size, size, masked)
-        pixels = _decoded(file, image)
+        pixels = decoded(file, image)
         return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2))
 
 
@@ -263,10 +262,11 @@ def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
     """
     require_count("longest_px", longest_px, 1)
     file = _file_of(photo)
-    with _opened_image(file, _bytes_of(file)) as image:
+    data = bytes_of(file)
+    with opened_image(file, data) as image:
         # Of JPEG, only as many pixels are decoded as are needed.
         image.draft("RGB", (2 * longest_px, 2 * longest_px))
-        small = load_pillow().fromarray(_as_rgb(file, image))
+        small = load_pillow().fromarray(as_rgb(file, data, image))
     small.thumbnail((longest_px, longest_px))
     written = BytesIO()
     small.save(written, "JPEG", quality=_THUMBNAIL_QUALITY)
@@ -284,12 +284,12 @@ def _require_folder(path: Path | None) -> None:
 def _opened_photo(name: str, file: Path) -> Photo:
     if (fault := fault_of_image_name(name)) is not None:
         raise DatasetError(file, f"the name of an image {fault}")
-    data = _bytes_of(file)
+    data = bytes_of(file)
     # Pillow warns of damaged EXIF blocks; they count as not there.
-    with _opened_image(file, data) as image, without_warnings():
+    with opened_image(file, data) as image, without_warnings():
         facts, size = exif_facts(image), image.size
-        # Caches may have features of its transparent parts.
-        key = b"opaque" if _has_transparency(image) else b""
+        # Caches may have features of its transparent parts, or of the upper 8 of its 16 bits.
+        key = b"opaque" * has_transparency(image) + b"deep" * has_deep_colors(image)
     return Photo(
         name,
         file,
@@ -308,8 +308,8 @@ def _with_mask(photo: Photo, masks: Path) -> Photo:
     mask = next((file for name in names if is_regular_file(file := masks / name)), None)
     if mask is None:
         return photo
-    data = _bytes_of(mask)
-    with _opened_image(mask, data) as image:
+    data = bytes_of(mask)
+    with opened_image(mask, data) as image:
         _require_mask_size(mask, image.size, photo.size, photo.name)
     both = blake2b(data, digest_size=_DIGEST_BYTES, key=photo.digest.encode())
     return replace(photo, mask=mask, digest=both.hexdigest())
@@ -335,66 +335,3 @@ def _file_of(photo: Photo) -> Path:
     if photo.path is None:
         raise DatasetError(photo.name, "is known by its tracks alone: there is no file to read")
     return photo.path
-
-
-def _bytes_of(file: Path) -> bytes:
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise unreadable(file, error) from error
-    if not data:
-        raise DatasetError(file, "the file is empty")
-    return data
-
-
-@contextmanager
-def _opened_image(file: Path, data: bytes) -> Iterator[Any]:
-    """Pillow's image of a file's bytes, its header read; errors name the file."""
-    try:
-        image = open_image(file, data)
-    except load_pillow().UnidentifiedImageError:
-        raise DatasetError(file, _undecodable(data)) from None
-    except DatasetError:
-        raise
-    except Exception as error:  # its parsers raise whatever they stumble over
-        raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
-    with image:
-        yield image
-
-
-def _undecodable(data: bytes) -> str:
-    """Why Pillow knows no way to decode a file: phones' photos are often HEIC with the suffix of JPEG."""
-    if data[4:8] == b"ftyp" and data[8:12] in _HEIC_BRANDS:
-        return "is HEIC in spite of its name: convert it to JPEG"
-    return f"is no image that can be decoded ({len(data)} bytes)"
-
-
-def _as_rgb(file: Path, image: Any) -> ColorImage:
-    pixels = _decoded(file, image)
-    if pixels.ndim == 3:
-        return pixels
-    return np.repeat(eight_bits(pixels, white_level(pixels))[:, :, None], 3, axis=2)
-
-
-def _opaque(file: Path, image: Any) -> NDArray[np.bool_] | None:
-    opaque = _decoded(file, image, "RGBA")[:, :, 3] > 0 if _has_transparency(image) else None
-    return opaque if opaque is not None and opaque.any() != opaque.all() else None
-
-
-def _has_transparency(image: Any) -> bool:
-    return image.getbands()[-1] == "A" or ("transparency" in image.info and image.mode not in _DEEP_MODES)
-
-
-def _decoded(file: Path, image: Any, mode: str = "RGB") -> NDArray[Any]:
-    """Colours of a mode (height, width, 3 or 4), or grey levels (height, width) of 16 bits or floats.
-
-    All is decoded: Pillow, unlike OpenCV, refuses a file that is cut short.
-    """
-    try:
-        return np.asarray(image if image.mode in (mode, *_DEEP_MODES) else image.convert(mode))
-    except Exception as error:  # its decoders raise whatever they stumble over
-        raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
-
-
-def _error_text(error: Exception) -> str:
-    return str(error) or type(error).__name__

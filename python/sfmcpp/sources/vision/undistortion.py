@@ -28,7 +28,8 @@ from sfmcpp.sources.io.colmap import FILE_NAMES
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.intrinsics import as_perspective
 from sfmcpp.sources.vision.images import load_cv2, one_opencv_thread
-from sfmcpp.sources.vision.photos import ColorImage, open_photos, read_color
+from sfmcpp.sources.vision.photo_pixels import ColorImage
+from sfmcpp.sources.vision.photos import open_photos, read_color
 
 IMAGES, MODEL = "images", "sparse/0"
 

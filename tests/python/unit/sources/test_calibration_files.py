@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,51 @@ def test_what_opencv_writes_is_read_and_its_lens_is_ours(tmp_path: Path, suffix:
     expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix, distortion)
     ours = to_pixels(rays, read_intrinsics(tmp_path / f"c.{suffix}"))
     np.testing.assert_allclose(ours, expected.reshape(-1, 2), rtol=0, atol=1e-9)
+
+
+def test_coefficients_in_capitals_are_no_cameras(tmp_path: Path) -> None:
+    text = "K: [458, 0, 367, 0, 457, 248, 0, 0, 1]\ndistance: 3\n"
+    np.testing.assert_allclose(read_intrinsics(written(tmp_path, "c.yaml", text)), EXPECTED[:5], rtol=1e-15)
+    with pytest.raises(DatasetError, match=r"c\.yaml:3: K1 is not read: distortion must be called"):
+        read_intrinsics(written(tmp_path, "c.yaml", text + "K1: -0.28\nK2: 0.07\n"))
+
+
+def test_a_message_that_ros_prints_is_a_camera(tmp_path: Path) -> None:
+    text = "k: [458, 0, 367, 0, 457, 248, 0, 0, 1]\nd: [-0.28, 0.074, 0.0002, 1.8e-05, 0.01]\n---\n"
+    np.testing.assert_allclose(read_intrinsics(written(tmp_path, "info.yaml", text)), WITH_K3, rtol=1e-15)
+    with pytest.raises(DatasetError, match=r"info\.yaml:4: holds 2 documents: must be one"):
+        read_intrinsics(written(tmp_path, "info.yaml", 2 * text))
+
+
+def test_the_camera_of_rectified_images_is_that_of_the_projection_matrix(tmp_path: Path) -> None:
+    projection = "\nprojection_matrix: [450, 0, 370, -40, 0, 450, 250, 0, 0, 0, 1, 0]\n"
+    written(tmp_path, "c.yaml", OPENCV + projection)
+    np.testing.assert_allclose(read_intrinsics(tmp_path / "c.yaml"), WITH_K3, rtol=1e-15)
+    rectified = read_intrinsics(tmp_path / "c.yaml:projection_matrix")
+    np.testing.assert_array_equal(rectified, [450, 1, 370, 250, 0])
+
+
+@pytest.mark.parametrize(
+    "name", ["Distortion_Coefficients", "distortion", "dist", "dist_coeff", "distCoeffs"]
+)
+def test_distortion_is_read_under_the_names_in_use(tmp_path: Path, name: str) -> None:
+    text = OPENCV.replace("distortion_coefficients", name).replace("camera_matrix", "Camera_Matrix")
+    np.testing.assert_allclose(read_intrinsics(written(tmp_path, "c.yaml", text)), WITH_K3, rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["distortion_parameters", "k1", "lens_coefficients"])
+def test_distortion_under_another_name_is_not_left_out(tmp_path: Path, name: str) -> None:
+    written(tmp_path, "c.yaml", OPENCV.replace("distortion_coefficients", name))
+    with pytest.raises(DatasetError, match=rf"c\.yaml:9: {name} is not read: distortion must be called"):
+        read_intrinsics(tmp_path / "c.yaml")
+
+
+@pytest.mark.parametrize("indent", [None, 2, "\t"])
+def test_json_is_read_as_yaml_is(tmp_path: Path, indent: int | str | None) -> None:
+    content = {"camera_matrix": [[458, 0, 367.0], [0, 457, 248], [0, 0, 1]]}
+    content["dist_coeff"] = [[-0.28, 0.074, 2e-4, 1.8e-05, 0.01]]
+    written(tmp_path, "calibration.json", json.dumps(content, indent=indent))
+    np.testing.assert_allclose(read_intrinsics(tmp_path / "calibration.json"), WITH_K3, rtol=1e-15)
 
 
 def test_a_lens_without_distortion_is_a_camera_without(tmp_path: Path) -> None:

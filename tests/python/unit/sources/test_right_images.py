@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 's
 
 from sfmcpp import CheckpointFolder, slam  # noqa: E402
 from sfmcpp.errors import DatasetError  # noqa: E402
+from sfmcpp.geometry import so3  # noqa: E402
 from sfmcpp.geometry.pinhole import homogeneous, to_normalised, to_pixels  # noqa: E402
 from sfmcpp.model.frames import Frame  # noqa: E402
 from sfmcpp.sources.drives import open_drive  # noqa: E402
@@ -140,6 +142,25 @@ def test_where_most_images_are_no_pair_all_are_left_out_and_it_is_said(street: P
     assert len(doubts) == 1
     assert "in 7 of 8 pairs of images most of what both show is off its epipolar line, by 4 px" in doubts[0]
     assert doubts[0].endswith("right images are left out")
+
+
+def test_cameras_that_nearly_fit_the_images_are_doubted(street: Path) -> None:
+    left, right = (open_frames(street / name) for name in ("image_0", "image_1"))
+    tilt = np.radians(0.3)
+    turned = np.column_stack([so3.rotation_from_angle_axis(np.array([[tilt, 0, 0]]))[0], BESIDE[:, 3]])
+    found = RightImages(right, left, StereoPair(RECTIFIED, RECTIFIED, turned), KltSettings())
+    for number, view in enumerate(follow_features(left, KltSettings())):
+        assert found.beside(number, list(left)[number], view).right is not None
+    (doubt,) = found.doubts
+    told = re.search(r"both images of a pair show is off its epipolar line by (\S+) px in the middle", doubt)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(RECTIFIED[0] * tilt, rel=0.1)
+
+
+def test_a_baseline_in_millimetres_is_doubted(street: Path) -> None:
+    _, doubts = frames_of(street, stereo=True, baseline_m=1000 * BASELINE_M)
+    told = "the right camera is 400 m beside the left one by its calibration: if those are millimetres"
+    assert [told in doubt for doubt in doubts] == [True]
 
 
 def test_images_of_something_else_are_named(street: Path, tmp_path: Path) -> None:

@@ -105,6 +105,17 @@ def test_of_four_matrices_names_without_numbers_choose_none(tmp_path: Path) -> N
         found_pair(tmp_path, file, ("image_l", "image_r"))
 
 
+def test_numbers_of_a_camera_leave_the_baseline_to_the_matrices_beside(tmp_path: Path) -> None:
+    kitti(tmp_path, {name: (2 * x, z) for name, (x, z) in FOUR.items()})
+    # Of images of half the size: the matrices tell metres by their own focal length.
+    for name in ("image_0", "image_1"):
+        (tmp_path / name).mkdir()
+    half = INTRINSICS * [0.5, 1, 0.5, 0.5, 1]
+    pair = stereo_pair(tmp_path / "image_0", tmp_path / "image_1", half, None, None)
+    np.testing.assert_allclose(pair.centre_m, [1.08, 0, 0], rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(pair.right, half)
+
+
 def document(pose_name: str, pose: np.ndarray, intrinsics: np.ndarray) -> str:
     square = np.vstack([pose, [0, 0, 0, 1]]).ravel().tolist()
     f, _, cx, cy, _ = intrinsics.tolist()
@@ -138,6 +149,35 @@ def test_a_chain_of_kalibr_tells_the_pose_of_either_camera(tmp_path: Path, camer
     pair = found_pair(tmp_path, tmp_path / f"camchain.yaml:{camera}")
     np.testing.assert_allclose(pair.pose, inverse(POSE) if turned else POSE, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(pair.right, INTRINSICS if turned else RIGHT)
+
+
+STEPS = [inverse(POSE), inverse(joined(POSE, POSE))]
+
+
+def chain_of_three(place: Path) -> Path:
+    """Of three cameras, the third farther beside the second than this beside the first."""
+    lenses = (INTRINSICS, RIGHT, INTRINSICS)
+    parts = [document("T_cn_cnm1", step, lens) for step, lens in zip([POSE, *STEPS], lenses, strict=True)]
+    indented = ["".join(f"  {line}\n" for line in text.splitlines()) for text in parts]
+    (place / "chain.yaml").write_text("".join(f"cam{k}:\n{text}" for k, text in enumerate(indented)))
+    return place
+
+
+@pytest.mark.parametrize(("left", "right"), [(0, 1), (0, 2), (1, 2), (2, 0), (2, 1)])
+def test_of_a_longer_chain_the_folder_tells_the_right_camera(tmp_path: Path, left: int, right: int) -> None:
+    names = [f"cam{k}/data" for k in (left, right)]
+    pair = found_pair(tmp_path, chain_of_three(tmp_path) / f"chain.yaml:cam{left}", names)
+    # Poses of the cameras in the first one.
+    places = [np.eye(3, 4), POSE, joined(POSE, joined(POSE, POSE))]
+    expected = joined(inverse(places[left]), places[right])
+    np.testing.assert_allclose(pair.pose, expected, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(pair.right, RIGHT if right == 1 else INTRINSICS)
+
+
+def test_of_a_longer_chain_a_folder_without_a_number_chooses_none(tmp_path: Path) -> None:
+    rule = r"chain\.yaml:1: holds 3 cameras: the name right does not tell which of cam1, cam2 took"
+    with pytest.raises(DatasetError, match=rule):
+        found_pair(tmp_path, chain_of_three(tmp_path) / "chain.yaml:cam0", ["left", "right"])
 
 
 def test_a_baseline_counts_before_files_and_with_the_lens_of_the_right_folder(tmp_path: Path) -> None:

@@ -11,11 +11,13 @@ import pytest
 
 from bag_writing import KINDS, START_NS, Messages, messages_for, write_bag
 from sfmcpp import DatasetError
+from sfmcpp.geometry import so3
 from sfmcpp.sources.bags import UnpackedBag, open_bag, unpack_bag
 from sfmcpp.sources.bags.unpack import CAMERA_FILE, IMAGE_FOLDER, MOUNTING_FILE, SENSOR_FILE
 from sfmcpp.sources.cameras import read_intrinsics
 from sfmcpp.sources.io.sensor_csv import read_sensor_csv
 from sfmcpp.sources.mounting_files import mounting_of
+from sfmcpp.sources.stereo_pair import stereo_pair
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
@@ -134,6 +136,30 @@ def test_rectified_images_have_the_camera_of_their_projection(tmp_path: Path) ->
     info = made.camera_info(START_NS, MATRIX, (0.3, 0.1, 0, 0, 0), p=projection)
     unpacked(tmp_path, made, [("/c/image_rect", made.image(START_NS, PIXELS)), ("/c/camera_info", info)])
     np.testing.assert_array_equal(read_intrinsics(tmp_path / "out" / CAMERA_FILE), (90, 1, 30, 20, 0))
+
+
+@pytest.mark.parametrize("images", ["image_raw", "image_rect"])
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_both_cameras_of_a_pair_unpacked_one_after_the_other_tell_its_pose(
+    tmp_path: Path, kind: str, images: str
+) -> None:
+    made, recorded = messages_for(kind), []
+    turn = so3.rotation_from_angle_axis(np.array([[0.01, -0.02, 0.03]]))[0]
+    for side, rotation, baseline_m in (("left", np.eye(3), 0.0), ("right", turn, 0.12)):
+        projection = [90.0, 0, 32, -90 * baseline_m, 0, 90, 24, 0, 0, 0, 1, 0]
+        numbers = {"r": rotation.ravel(), "p": np.array(projection)}
+        numbers = {name.upper() if made.ros == 1 else name: value for name, value in numbers.items()}
+        info = made.camera_info(START_NS, MATRIX, (0.1, 0, 0, 0, 0), **numbers)
+        recorded += [(f"/{side}/{images}", made.image(START_NS, PIXELS)), (f"/{side}/camera_info", info)]
+    bag = write_bag(tmp_path / f"drive.{kind}", made, recorded)
+    for side in ("left", "right"):
+        unpack_bag(bag, tmp_path / side, topics=[f"/{side}/{images}"])
+    file = tmp_path / "left" / CAMERA_FILE
+    left, right = (tmp_path / side / "images" for side in ("left", "right"))
+    pair = stereo_pair(left, right, read_intrinsics(file), file, None)
+    expected = turn if images == "image_raw" else np.eye(3)
+    np.testing.assert_allclose(pair.pose, np.column_stack([expected, [0.12, 0, 0]]), rtol=0, atol=1e-12)
+    assert pair.right[0] == (100.0 if images == "image_raw" else 90.0)
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,32 @@ def test_logs_of_receivers_are_read_as_they_are(tmp_path: Path, separator: str, 
 
 
 @pytest.mark.parametrize(
+    ("latitude", "longitude", "height", "position"),
+    [
+        (
+            '46 deg 30\' 36.00"" S',
+            '9 deg 15\' 0.00"" E',
+            "198.5 m Above Sea Level",
+            (-46.51, 9.25, 198.5),
+        ),
+        (
+            '46 deg 30\' 36"" North',
+            '0 deg 0\' 36.00"" West',
+            "12 m Below Sea Level",
+            (46.51, -0.01, -12.0),
+        ),
+    ],
+)
+def test_positions_are_read_as_exiftool_prints_them(
+    tmp_path: Path, latitude: str, longitude: str, height: str, position: tuple[float, float, float]
+) -> None:
+    head = "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude"
+    found = read_position_csv(written(tmp_path, f'{head}\na,"{latitude}","{longitude}",{height}\n'))
+    assert found.geodetic
+    assert found.positions["a"] == pytest.approx(position, rel=1e-15)
+
+
+@pytest.mark.parametrize(
     ("text", "position", "sigmas"),
     [
         ("SourceFile,GPSLatitude,GPSLongitude,GPSAltitude\na,1,2,3\n", (1.0, 2.0, 3.0), None),
@@ -187,6 +213,7 @@ def test_columns_that_seem_to_be_deviations_are_told_where_none_are_read(
         ("IMG_1.JPG,46.1,-91.9,198.3\nIMG_2.JPG,46.2,-91.8,198.4\n", 1, "must be a header, such as name,lat"),
         ("name,lat,lon\na,1,2\n", 1, "must have name and lat, lon, height"),
         ("name,lat,lon,alt\na,1,2,3\nb,1,x,3\n", 3, "lon is 'x': must be a finite number"),
+        ("name;lat;lon;alt\na;46 deg 30' 36\";9;1\n", 2, "must be a finite number"),
         ("name,lat,lon,alt\na,4_6,2,1\n", 2, "lat is '4_6': must be a finite number"),
         ("name,lat,lon,alt\na,1,2,inf\n", 2, "alt is 'inf': must be a finite number"),
         ("name,lat,lon,alt\na,100,2,3\n", 2, "out of range, or swapped"),

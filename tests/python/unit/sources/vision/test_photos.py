@@ -21,10 +21,11 @@ from sfmcpp.sources.vision import (
     thumbnail_jpeg,
     without_copies,
 )
+from sfmcpp.sources.vision.photos import read_color_and_opaque
 from textured_photos import cut_short, texture, write_photo
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed: pip install 'sfmcpp[vision]'")
-pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
+cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
 
 SMALL = texture(48, 64)
 MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
@@ -182,6 +183,25 @@ def test_deep_pixels_use_all_of_eight_bits(tmp_path: Path, bits: int) -> None:
     grey = np.arange(12, dtype=np.uint16).reshape(3, 4) * 20 + 30
     Image.fromarray(grey << (bits - 8)).save(tmp_path / "deep.png")
     np.testing.assert_array_equal(read_gray(only(tmp_path)), grey)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".ppm"])
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+def test_deep_colours_use_all_of_eight_bits(tmp_path: Path, bits: int, suffix: str) -> None:
+    rgb = np.arange(36, dtype=np.uint16).reshape(3, 4, 3) * 5 + 60
+    assert cv2.imwrite(str(tmp_path / f"deep{suffix}"), (rgb << (bits - 8))[:, :, ::-1])
+    np.testing.assert_array_equal(read_color(only(tmp_path)), rgb)
+
+
+@pytest.mark.parametrize("bits", [12, 16])
+def test_deep_colours_beside_transparent_parts_are_read(tmp_path: Path, bits: int) -> None:
+    bgra = np.arange(48, dtype=np.uint16).reshape(3, 4, 4) * 4 + 60
+    bgra[:, 2:, 3] = 0
+    assert cv2.imwrite(str(tmp_path / "deep.png"), bgra << (bits - 8))
+    pixels, opaque = read_color_and_opaque(only(tmp_path))
+    np.testing.assert_array_equal(pixels, bgra[:, :, 2::-1])
+    assert opaque is not None
+    np.testing.assert_array_equal(opaque, bgra[:, :, 3] > 0)
 
 
 def test_of_fractions_one_is_white(tmp_path: Path) -> None:

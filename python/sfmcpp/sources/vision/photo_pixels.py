@@ -1,0 +1,124 @@
+"""Decoding of the file of a photo: colours of 8 bits, and where it is transparent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sfmcpp.errors import DatasetError
+from sfmcpp.sources.vision.images import (
+    eight_bits,
+    load_cv2,
+    load_pillow,
+    open_image,
+    unreadable,
+    white_level,
+)
+
+ColorImage = NDArray[np.uint8]
+
+_HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1")
+# Pillow's modes of 16 bits a pixel and of floats; 32-bit "I" is what its older versions make of 16-bit PNG.
+_DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
+# Of files of 16 bits a colour, too, and Pillow keeps the upper 8 only: of a camera's 12 bits that is 4.
+_SHORTENED_MODES = ("RGB", "RGBA", "LA")
+_MOST_OF_16_BITS = 65535
+
+
+def bytes_of(file: Path) -> bytes:
+    """Content of a file; a DatasetError if it cannot be read, or is empty."""
+    try:
+        data = file.read_bytes()
+    except OSError as error:
+        raise unreadable(file, error) from error
+    if not data:
+        raise DatasetError(file, "the file is empty")
+    return data
+
+
+@contextmanager
+def opened_image(file: Path, data: bytes) -> Iterator[Any]:
+    """Pillow's image of a file's bytes, its header read; errors name the file."""
+    try:
+        image = open_image(file, data)
+    except load_pillow().UnidentifiedImageError:
+        raise DatasetError(file, _undecodable(data)) from None
+    except DatasetError:
+        raise
+    except Exception as error:  # its parsers raise whatever they stumble over
+        raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
+    with image:
+        yield image
+
+
+def _undecodable(data: bytes) -> str:
+    """Why Pillow knows no way to decode a file: phones' photos are often HEIC with the suffix of JPEG."""
+    if data[4:8] == b"ftyp" and data[8:12] in _HEIC_BRANDS:
+        return "is HEIC in spite of its name: convert it to JPEG"
+    return f"is no image that can be decoded ({len(data)} bytes)"
+
+
+def as_rgb(file: Path, data: bytes, image: Any) -> ColorImage:
+    """Red, green and blue (height, width, 3) of Pillow's image of a file's bytes.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be decoded.
+    """
+    is_deep = has_deep_colors(image)
+    pixels = decoded(file, image)
+    if is_deep:
+        pixels = _deep_rgb(data, pixels)
+    if pixels.dtype == np.uint8:
+        return pixels
+    levels = eight_bits(pixels, white_level(pixels))
+    return levels if levels.ndim == 3 else np.repeat(levels[:, :, None], 3, axis=2)
+
+
+def has_deep_colors(image: Any) -> bool:
+    """Whether the file of an image that is not decoded yet has colours of 16 bits."""
+    if image.mode not in _SHORTENED_MODES:
+        return False
+    formats = [str(word) for _, _, _, args in image.tile for word in np.atleast_1d(args)]
+    return any(";16" in word or word == str(_MOST_OF_16_BITS) for word in formats)
+
+
+def _deep_rgb(data: bytes, shortened: NDArray[Any]) -> NDArray[Any]:
+    """All 16 bits of red, green and blue by OpenCV, or what is left of them if it cannot decode the file."""
+    cv2 = load_cv2()
+    deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+    if deep is None or deep.dtype != np.uint16 or deep.ndim != 3 or deep.shape[:2] != shortened.shape[:2]:
+        return shortened
+    return np.asarray(deep[:, :, 2::-1])
+
+
+def opaque_part(file: Path, image: Any) -> NDArray[np.bool_] | None:
+    """Where an image (height, width) is not transparent; None if it is so nowhere or everywhere."""
+    opaque = decoded(file, image, "RGBA")[:, :, 3] > 0 if has_transparency(image) else None
+    return opaque if opaque is not None and opaque.any() != opaque.all() else None
+
+
+def has_transparency(image: Any) -> bool:
+    """Whether parts of an image may be transparent."""
+    return image.getbands()[-1] == "A" or ("transparency" in image.info and image.mode not in _DEEP_MODES)
+
+
+def decoded(file: Path, image: Any, mode: str = "RGB") -> NDArray[Any]:
+    """Colours of a mode (height, width, 3 or 4), or grey levels (height, width) of 16 bits or floats.
+
+    All is decoded: Pillow, unlike OpenCV, refuses a file that is cut short.
+    """
+    try:
+        return np.asarray(image if image.mode in (mode, *_DEEP_MODES) else image.convert(mode))
+    except Exception as error:  # its decoders raise whatever they stumble over
+        raise DatasetError(file, f"cannot be decoded: {_error_text(error)}") from error
+
+
+def _error_text(error: Exception) -> str:
+    return str(error) or type(error).__name__
