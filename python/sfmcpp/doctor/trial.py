@@ -62,6 +62,10 @@ class Trial:
         """(M,) observations off by more than ten standard deviations, as stated or as found."""
         return np.asarray(self.errors_px > GROSS * max(self.sigma_px, sigma_px))
 
+    def squared_error(self, extent_px: float) -> float:
+        """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
+        return float((np.minimum(self.errors_px, extent_px) ** 2).sum())
+
 
 def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "cauchy") -> Trial | str:
     """Adjust a copy of `problem`; a text with the reason if that fails."""
