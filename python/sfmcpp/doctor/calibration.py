@@ -201,8 +201,8 @@ def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> 
 
 def undetermined(case: Case) -> Iterator[Finding]:
     """Find free intrinsics that the images do not determine."""
-    trial = case.trial
-    if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or case.fits_poorly(trial):
+    trial = case.sound_trial
+    if trial is None or trial.problem.fixed_intrinsics.all():
         return
     try:
         # Sensors are looked at by themselves.

@@ -181,6 +181,12 @@ class Case:
             return None
         return trial
 
+    @property
+    def sound_trial(self) -> Trial | None:
+        """The trial where it tells more than that the start is misread or that nothing near it fits."""
+        trial = self.trial
+        return None if self.is_misread or trial is None or self.fits_poorly(trial) else trial
+
     def fits_poorly(self, trial: Trial) -> bool:
         """Whether the median error is gross: by the standard deviation stated, and to the eye."""
         return trial.median_px > max(GROSS * self.sigma_px, _VISIBLE * self.extent_px)
@@ -209,8 +215,8 @@ class Case:
     @cached_property
     def freed_intrinsics(self) -> FreedIntrinsics | None:
         """The same with all intrinsics free; None where that cannot be or tells nothing."""
-        trial = self.trial
-        if self.is_misread or trial is None or self.fits_poorly(trial):
+        trial = self.sound_trial
+        if trial is None:
             return None
         columns = held_columns(trial.problem)
         if not len(columns) or self.least_squares is None:

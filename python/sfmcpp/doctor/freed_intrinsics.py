@@ -14,6 +14,7 @@ from sfmcpp.doctor.trial import (
     Trial,
     adjusted,
     as_perspective,
+    may_be_perspective,
     moved_at_border,
     radii_px,
     redundancy,
@@ -22,7 +23,7 @@ from sfmcpp.doctor.trial import (
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
-from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
+from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.model.residual_group import Group
 
 TESTED = ("f", "aspect", "cx", "cy", "k1")
@@ -80,7 +81,7 @@ class FreedIntrinsics:
 
 def held_columns(problem: Problem) -> IndexArray:
     """Columns of TESTED that are held for all cameras that observe; none where a camera model has others."""
-    if problem.camera_model == "bal" or not is_pinhole(problem.camera_model):
+    if not may_be_perspective(problem):
         return np.zeros(0, dtype=np.int32)
     rows = np.unique(problem.intrinsics_index[problem.camera_index])
     fixed = as_perspective(problem).fixed_intrinsics[rows]

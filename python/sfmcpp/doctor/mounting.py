@@ -22,8 +22,8 @@ _HALF = 0.5
 
 def mounting(case: Case) -> Iterator[Finding]:
     """Find free sensors with observations whose poses in their rig are undetermined."""
-    trial, rigs = case.trial, case.problem.rigs
-    if rigs is None or case.is_misread or trial is None or case.fits_poorly(trial):
+    trial, rigs = case.sound_trial, case.problem.rigs
+    if rigs is None or trial is None:
         return
     free = _observing_sensors(trial.problem, rigs)
     shares = _rim_shares(case, trial, free)

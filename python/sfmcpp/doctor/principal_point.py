@@ -28,10 +28,8 @@ _CENTRE = slice(2, 4)
 
 def principal_point(case: Case) -> Iterator[Finding]:
     """Find principal points that, once free, change the focal length or halve the squared error."""
-    trial = case.trial
-    if case.is_misread or case.lacks_distortion or trial is None:
-        return
-    if not _may_be_tested(trial.problem) or case.fits_poorly(trial):
+    trial = case.sound_trial
+    if trial is None or case.lacks_distortion or not _may_be_tested(trial.problem):
         return
     given = case.least_squares
     if given is None:

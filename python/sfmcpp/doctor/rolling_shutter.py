@@ -44,8 +44,7 @@ class _Readout:
 
 def rolling_shutter(case: Case) -> Iterator[Finding]:
     """Find residuals along the motion of the camera that grow from row to row."""
-    trial = case.trial
-    if case.is_misread or trial is None or case.fits_poorly(trial) or case.constraints:
+    if case.sound_trial is None or case.constraints:
         return
     fitted = case.best_fit
     if fitted is None or fitted.problem.rigs is not None or not is_path(fitted.problem):

@@ -14,7 +14,7 @@ from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
-from sfmcpp.model.camera_models import PERSPECTIVE
+from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 from sfmcpp.model.names import Loss
 from sfmcpp.model.residual_group import Group
 from sfmcpp.model.uncertainty import Whitener
@@ -29,6 +29,8 @@ GROSS, NOTABLE_SHARE = 10.0, 0.01
 _LEAST_SHARE, _TWICE = 0.4, 0.5
 # Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
 RIDGE = 1e-12
+# Part of the image's radius that pixels at the border must move by for a scene to bend much.
+BENDS = 0.02
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,11 @@ def redundancy(problem: Problem, intrinsics: int = 0) -> int:
     """Numbers observed less those estimated, some intrinsics among them; at least one."""
     cameras, points = (len(np.unique(k)) for k in (problem.camera_index, problem.point_index))
     return max(2 * problem.num_observations - 6 * cameras - 3 * points - intrinsics, 1)
+
+
+def may_be_perspective(problem: Problem) -> bool:
+    """Whether :func:`as_perspective` takes a problem."""
+    return problem.camera_model != "bal" and is_pinhole(problem.camera_model)
 
 
 def as_perspective(problem: Problem) -> Problem:
