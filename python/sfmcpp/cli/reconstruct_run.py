@@ -18,7 +18,7 @@ from sfmcpp.sfm import reconstruct
 from sfmcpp.sfm.outcome import NO_MODEL
 from sfmcpp.sources.io.files import failures_named, is_present
 from sfmcpp.study import SfmReport
-from sfmcpp.study.pages.sfm_page import VIEW
+from sfmcpp.study.report_files import VIEW
 from sfmcpp.study.sfm_files import FILES, PAGE
 
 # What an interrupted run has done, for `--resume`; in the folder of the results.

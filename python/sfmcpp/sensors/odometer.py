@@ -43,8 +43,10 @@ _FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
 # where it usually goes: beside the axis of a body that turns on the spot it goes aside [rad].
 _LEAST_PARALLAX_PX, _SEEN_SHARE = 1.0, 0.1
 _LARGEST_TURN_RAD, _LARGEST_ASIDE_RAD = np.radians([5.0, 45.0]).tolist()
-# Below this speed the body stands, and the factor of an odometer may change without a leap.
-_STANDING_M_S = 0.3
+# Below this speed the body stands: every odometer repeats itself, and its factor may change without a leap.
+STANDING_M_S = 0.3
+# Shorter steps determine no scale.
+LEAST_STEP_M = 0.05
 # A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
 # likewise: no odometer leaves out so many low speeds.
 _LEAST_BLOCKED_M_S, _BLOCKED_WITHIN = 3.0, 2
@@ -326,18 +328,18 @@ def _end_of_factor(speeds: FloatArray, leaps: list[int], at: int) -> int:
     """The sample after the leap that takes number `at` back, or after the next stop; the last if none is."""
     opening = leaps[at]
     closing = next((k for k in leaps[at + 1 :] if _is_opposite_leap(speeds, opening, k)), len(speeds) - 1)
-    stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
+    stop = next((k for k in range(opening + 1, closing) if speeds[k] < STANDING_M_S), closing)
     return min(stop + 1, len(speeds) - 1)
 
 
 def _is_start(speeds: FloatArray, opening: int) -> bool:
     """Whether a body that stands begins to move, with an odometer that does not show the low speeds."""
-    return bool(speeds[opening] < _STANDING_M_S and speeds[opening + 1] < _LEAST_BLOCKED_M_S)
+    return bool(speeds[opening] < STANDING_M_S and speeds[opening + 1] < _LEAST_BLOCKED_M_S)
 
 
 def _end_of_block(speeds: FloatArray, leaps: list[int], opening: int) -> int | None:
     """The sample at which a wheel that blocks turns again; None where it does not block, or leap back."""
-    stands = speeds < _STANDING_M_S
+    stands = speeds < STANDING_M_S
     after = stands[opening + 1 : opening + 1 + _BLOCKED_WITHIN]
     if speeds[opening] < _LEAST_BLOCKED_M_S or not after.any():
         return None

@@ -18,7 +18,7 @@ from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.rotation_check import turns_at_offsets
 from sfmcpp.sensors.stream import require_kind
-from sfmcpp.sensors.turn import Turn, rotations_of, times_of
+from sfmcpp.sensors.turn import CLOCK_OFFSETS_S, Turn, rotations_of, times_of
 
 # Pairs of images used: fewer do not determine a bias, and more are not needed.
 _FEWEST, MOST_TURNS = 6, 64
@@ -40,8 +40,6 @@ _SHARE_OF_OTHERS = 0.5
 _GAIN = 12.0
 # … the latter if the errors are, beside the camera's rotations, no larger than wrong axes make them.
 _LARGEST_RATIO = 2.0
-# Clock offsets tried [s].
-_OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 # Median length of a vector of three standard normal numbers.
 _MEDIAN_LENGTH = 1.538
 # Rounds of reweighting.
@@ -112,7 +110,7 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     """
     require_kind(stream, "angular_rate")
     # Clocks that are ahead need the rates after a turn: without them noise would be taken for a bias.
-    reach_s = float(_OFFSETS_S[-1])
+    reach_s = float(CLOCK_OFFSETS_S[-1])
     covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s + reach_s)]
     if len(covered) < _FEWEST:
         return None
@@ -203,7 +201,7 @@ def _left_by_others(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
 ) -> FloatArray:
     """Lengths (k, n) of the errors at each clock offset, and where they may tell with an even turn [rad]."""
-    by_clocks = np.linalg.norm(rotation_errors(stream, mounting, turns, _OFFSETS_S), axis=-1)
+    by_clocks = np.linalg.norm(rotation_errors(stream, mounting, turns, CLOCK_OFFSETS_S), axis=-1)
     seen, lengths_s = so3.log(rotations_of(turns)), durations_s(turns)
     if _median_norm(errors) > _LARGEST_RATIO * _median_norm(seen):
         return np.asarray(by_clocks)
