@@ -22,7 +22,7 @@ from sfmcpp.cli.choices import (
     with_solve_options,
 )
 from sfmcpp.cli.console import ExitCode, with_exit_code
-from sfmcpp.cli.control import Control
+from sfmcpp.cli.control_points import Control
 from sfmcpp.cli.flags import RIGS
 from sfmcpp.cli.georeferencing import Gps
 from sfmcpp.cli.run import Job

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sfmcpp.geometry import so3
+from sfmcpp.geometry.significance import SIGMA_OF_MEDIAN
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
@@ -312,7 +313,7 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> list[i
     # Zeros are left out where enough is left: a speed that is repeated was not measured anew.
     bends = np.abs(np.diff(speeds, 2))
     varied = bends[bends > 0] if np.mean(bends > 0) > _VARIED else bends
-    noise = 1.4826 * float(np.median(varied)) / np.sqrt(6.0)
+    noise = SIGMA_OF_MEDIAN * float(np.median(varied)) / np.sqrt(6.0)
     even_s = np.maximum(period_s, float(np.median(period_s)))
     usual = local_medians(changes / even_s, _NEIGHBOURS)
     alone = np.minimum(np.abs(changes - usual * period_s), np.abs(changes - usual * even_s))
