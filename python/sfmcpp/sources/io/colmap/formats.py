@@ -23,10 +23,9 @@ from sfmcpp.sources.io.colmap.rig_files import (
     read_text_rigs,
     text_rig_files,
 )
-from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
+from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of, trivial_rigs_in, with_poses_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
-from sfmcpp.sources.io.colmap.trivial_rigs import trivial_rigs_in, with_poses_of
 from sfmcpp.sources.io.files import is_folder, is_present, read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 
