@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba import LinearModel, SolveOptions
+from sfmcpp.ba import LinearModel
 from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import (
-    RIDGE,
     Trial,
     adjusted,
     as_perspective,
     radii_px,
     redundancy,
-    with_free_sensors,
+    ridged_model,
+    rows_seen,
 )
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
@@ -205,10 +205,7 @@ def undetermined(case: Case) -> Iterator[Finding]:
     if trial is None or trial.problem.fixed_intrinsics.all():
         return
     try:
-        # Sensors are looked at by themselves.
-        model = LinearModel(
-            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), RIDGE
-        )
+        model = ridged_model(trial.problem, case.constraints)  # sensors are looked at by themselves
         cameras = _chosen_cameras(trial.problem)
         unknown = _undetermined_intrinsics(case, trial, model, cameras)
     except InvalidArgument as error:
@@ -238,11 +235,8 @@ def _undetermined_intrinsics(
 
 def _chosen_cameras(problem: Problem) -> IndexArray:
     """One camera that observes for each row of intrinsics with something free."""
-    seen = np.unique(problem.camera_index)
-    _, first = np.unique(problem.intrinsics_index[seen], return_index=True)
-    cameras = seen[first]
-    cameras = cameras[~problem.fixed_intrinsics[problem.intrinsics_index[cameras]].all(axis=1)]
-    return np.asarray(cameras, dtype=np.int32)
+    rows, cameras = rows_seen(problem)
+    return cameras[~problem.fixed_intrinsics[rows].all(axis=1)]
 
 
 def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:

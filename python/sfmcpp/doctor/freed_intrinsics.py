@@ -8,9 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.trial import (
-    RIDGE,
     Trial,
     adjusted,
     as_perspective,
@@ -18,7 +16,8 @@ from sfmcpp.doctor.trial import (
     moved_at_border,
     radii_px,
     redundancy,
-    with_free_sensors,
+    ridged_model,
+    rows_seen,
 )
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
@@ -114,7 +113,7 @@ def freed_intrinsics(
     freed = adjusted(_with_free(given.problem, columns), constraints, "squared")
     if isinstance(freed, str) or freed.squared_error(extent_px) > given.squared_error(extent_px):
         return None
-    rows, cameras = _rows_and_cameras(freed.problem)
+    rows, cameras = rows_seen(freed.problem)
     try:
         variances = _variances(freed.problem, columns, cameras, constraints)
     except InvalidArgument as error:
@@ -138,18 +137,10 @@ def _with_free(problem: Problem, columns: IndexArray) -> Problem:
     )
 
 
-def _rows_and_cameras(problem: Problem) -> tuple[IndexArray, IndexArray]:
-    """Rows of intrinsics (k,) that are observed, and a camera (k,) of each."""
-    seen = np.unique(problem.camera_index)
-    rows, first = np.unique(problem.intrinsics_index[seen], return_index=True)
-    return rows.astype(np.int32), seen[first].astype(np.int32)
-
-
 def _variances(
     problem: Problem, columns: IndexArray, cameras: IndexArray, constraints: Sequence[Group]
 ) -> FloatArray:
     """(k, n) variances of these intrinsics of these cameras for the stated σ of the pixels."""
-    # Sensors are looked at by themselves.
-    model = LinearModel(with_free_sensors(problem), constraints, SolveOptions(gauge="fixed"), RIDGE)
+    model = ridged_model(problem, constraints)  # sensors are looked at by themselves
     places = [model.parameter_names.index(PERSPECTIVE[k]) for k in columns]
     return np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, places]

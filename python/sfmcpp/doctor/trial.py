@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfmcpp.ba import SolveOptions, Summary, adjust, residuals
+from sfmcpp.ba import LinearModel, SolveOptions, Summary, adjust, residuals
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, largest_of_each
 from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 from sfmcpp.model.names import Loss
 from sfmcpp.model.residual_group import Group
@@ -109,6 +109,18 @@ def with_free_sensors(problem: Problem, *free: int) -> Problem:
         return problem
     mask = np.isin(np.arange(problem.rigs.num_sensors), free)
     return replace(problem, rigs=replace(problem.rigs, free_sensors=mask))
+
+
+def ridged_model(problem: Problem, constraints: Sequence[Group], *free: int) -> LinearModel:
+    """The linear model in the fixed gauge with these sensors free; what is open has a large variance."""
+    return LinearModel(with_free_sensors(problem, *free), constraints, SolveOptions(gauge="fixed"), RIDGE)
+
+
+def rows_seen(problem: Problem) -> tuple[IndexArray, IndexArray]:
+    """Rows of intrinsics (k,) that are observed, and a camera (k,) of each."""
+    seen = np.unique(problem.camera_index)
+    rows, first = np.unique(problem.intrinsics_index[seen], return_index=True)
+    return rows.astype(np.int32), seen[first].astype(np.int32)
 
 
 def radii_px(problem: Problem) -> FloatArray:
