@@ -49,12 +49,12 @@ class Part:
 
     @property
     def rows_of_points(self) -> Rows:
-        """Those of :func:`rows_of_points`, with the points' numbers in the whole."""
+        """Rows by :func:`rows_of_points`, with the points' numbers in the whole."""
         return rows_of_points(self.problem, self.point_numbers)
 
     @property
     def rows_of_observations(self) -> Rows:
-        """Those of :func:`rows_of_observations`, with the numbers of observations and points in the whole."""
+        """Rows by :func:`rows_of_observations`, with the numbers of observations and points in the whole."""
         points = self.point_numbers[self.problem.point_index].astype(np.int32)
         return rows_of_observations(self.problem, self.observation_numbers) | {"point_index": points}
 

@@ -80,7 +80,7 @@ class Case:
 
     @cached_property
     def sigma_px(self) -> float:
-        """The same, to judge errors by; a thousandth of images too small to be in pixels, where none is."""
+        """σ to judge errors by: as stated, or a thousandth of images too small to be in pixels [px]."""
         uncertainty = self.problem.uncertainty
         is_stated = uncertainty.sigma_px is not None or uncertainty.covariance_px2 is not None
         return (
@@ -214,7 +214,7 @@ class Case:
 
     @cached_property
     def freed_intrinsics(self) -> FreedIntrinsics | None:
-        """The same with all intrinsics free; None where that cannot be or tells nothing."""
+        """The least-squares trial with all intrinsics free; None where that cannot be or tells nothing."""
         trial = self.sound_trial
         if trial is None:
             return None

@@ -239,7 +239,7 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
 
 
 def _with_steps(turns: Sequence[Turn]) -> list[Turn]:
-    """Those of the pairs of images that no body which stands or turns on the spot can have made."""
+    """Pairs of images that no body which stands or turns on the spot can have made."""
     known = [turn.parallax_px for turn in turns if not np.isnan(turn.parallax_px)]
     least_px = max(_LEAST_PARALLAX_PX, _SEEN_SHARE * float(np.median(known))) if known else 0.0
     stepping = [turn for turn in turns if not turn.parallax_px < least_px]

@@ -90,7 +90,7 @@ class MatchGraph:
         return found
 
     def largest_general(self, numbers: Sequence[int], most: int) -> list[Pair]:
-        """Those of some pairs that have a general geometry: so many at most, of most verified matches."""
+        """The pairs of these numbers with a general geometry: `most` at most, of most verified matches."""
         general = [pair for pair in map(self.pairs.__getitem__, numbers) if pair.geometry.kind == "general"]
         return sorted(general, key=lambda pair: -pair.num_verified)[:most]
 

@@ -53,12 +53,12 @@ class SlamReport(ReportTable):
 
     @cached_property
     def in_metres(self) -> Evaluation | None:
-        """Of a map in metres the same with its own scale; None of others, or if undetermined."""
+        """The comparison of a map in metres at its own scale; None of others, or if undetermined."""
         return self._evaluated(_OWN_SCALE)[1] if self.run.result.metric else None
 
     @cached_property
     def drift(self) -> Evaluation | None:
-        """The same aligned by its first tenth alone; None of a map in the world of a GPS or an INS."""
+        """The comparison aligned by the first tenth alone; None of a map in the world of a GPS or an INS."""
         return None if self.run.georeferenced else self._evaluated(_DRIFT)[1]
 
     @cached_property

@@ -212,7 +212,7 @@ class CheckpointFolder:
             return not self._files() and not any(any(self.path.glob(f"{_RANK}*/{name}")) for name in _NAMES)
 
     def _files(self) -> list[tuple[int, Path]]:
-        """Those of its two files that are there, with their numbers."""
+        """The files of this folder that are there, of two, with their numbers."""
         with failures_named(self.path):
             named = enumerate(self.path / name for name in _NAMES)
             return [(number, path) for number, path in named if is_present(path)]

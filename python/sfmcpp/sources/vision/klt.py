@@ -207,7 +207,7 @@ class _Tracker:
             self.lost, self.spoilt = before.only(~np.isin(before.tracks, seen.tracks)), 0
 
     def _followed(self, before: _Seen, image: GreyImage) -> _Seen:
-        """Those of the corners before that are followed into an image."""
+        """The corners of the image before that are followed into this one."""
         if not len(before.corners):
             return _Seen(image, before.corners, before.tracks)
         moved, good = self.moved(before, image)
@@ -264,7 +264,7 @@ class _Tracker:
         return self.settings.window_px // 2
 
     def _inside(self, corners: Corners) -> BoolArray:
-        """Those whose square lies in the image, and that are not masked."""
+        """Whether the square of each corner lies in the image and it is not masked."""
         height, width = self.shape
         last = np.array([width, height]) - 1 - self._border_px
         inside = np.asarray(((corners >= self._border_px) & (corners <= last)).all(axis=1))

@@ -20,10 +20,11 @@ from sfmcpp.model.checks import require_count
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.checks import fault_of_image_name
-from sfmcpp.sources.io.files import failures_named, is_folder, is_present, is_regular_file
+from sfmcpp.sources.io.files import failures_named, is_folder, is_regular_file, require_present
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
+    bytes_of_picture,
     eight_bits,
     images_and_videos,
     is_foreign_picture,
@@ -32,7 +33,6 @@ from sfmcpp.sources.vision.images import (
     load_cv2,
     load_pillow,
     open_image,
-    unreadable,
     where_images_are,
     white_level,
 )
@@ -277,8 +277,9 @@ def _require_folder(path: Path | None) -> None:
     if path is None:
         return
     with failures_named(path):
+        require_present(path)
         if not is_folder(path):
-            raise DatasetError(path, "is no folder" if is_present(path) else "no such file or directory")
+            raise DatasetError(path, "is no folder")
 
 
 def _opened_photo(name: str, file: Path) -> Photo:
@@ -338,10 +339,7 @@ def _file_of(photo: Photo) -> Path:
 
 
 def _bytes_of(file: Path) -> bytes:
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise unreadable(file, error) from error
+    data = bytes_of_picture(file)
     if not data:
         raise DatasetError(file, "the file is empty")
     return data

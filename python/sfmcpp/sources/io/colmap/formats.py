@@ -112,7 +112,7 @@ class _Files:
     rig_contents: Callable[[RigModel], Iterable[Iterable[bytes]]]
 
     def trivial_rigs(self, folder: Path) -> RigModel | None:
-        """Those of the model that is there, if any; refused if they are of several sensors."""
+        """Rigs of the model that is there, if any; refused if they are of several sensors."""
         has_model = _has_any_file(folder, self.names)
         return trivial_rigs_in(folder, self.rig_names, self.read_rigs, has_model=has_model)
 
