@@ -241,6 +241,6 @@ def _of_one_quadrant(problem: Problem, intrinsics: FloatArray, rows: NDArray[np.
 
 
 def _principal_points(problem: Problem, intrinsics: FloatArray) -> FloatArray | None:
-    """Of each row of intrinsics (G, 2) [px]; None where the camera model has none."""
+    """Principal point of each row of intrinsics (G, 2) [px]; None where the camera model has none."""
     names = problem.intrinsic_names
     return intrinsics[:, [names.index("cx"), names.index("cy")]] if "cx" in names else None

@@ -181,7 +181,7 @@ class ProblemSize:
 
     @classmethod
     def of(cls, problem: Problem, ranks: Ranks | None = None) -> ProblemSize:
-        """Of a problem, or of all whose part it is on this rank."""
+        """Size of a problem, or of the whole whose part it is on this rank."""
         own = (problem.num_points, problem.num_observations)
         points, observations = zip(*([own] if ranks is None else ranks.everyones(own)), strict=True)
         size = cls(problem.num_cameras, sum(points), sum(observations))

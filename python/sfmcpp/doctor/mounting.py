@@ -86,7 +86,7 @@ def _shares_with_free(
 
 
 def _median_distance(problem: Problem, chosen: NDArray[np.bool_]) -> float:
-    """Of the points from the cameras of these observations."""
+    """Median distance of the points from the cameras of these observations."""
     rays = problem.points[problem.point_index[chosen]] - problem.centres[problem.camera_index[chosen]]
     return float(np.median(np.linalg.norm(rays, axis=1)))
 

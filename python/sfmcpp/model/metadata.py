@@ -171,7 +171,7 @@ class Metadata(NamedFields):
         return replace(self, extra=extra)
 
     def with_added_points(self, count: int, camera_index: IndexArray, added: IndexArray) -> Metadata:
-        """With those of `count` points more, black, seen by a new keypoint of each of the cameras `added`.
+        """Metadata with `count` points more, black, and a keypoint for each new observation.
 
         Parameters
         ----------

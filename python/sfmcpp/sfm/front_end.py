@@ -174,7 +174,7 @@ class _Work:
     seconds: dict[str, float]
 
     def features(self, photos: Sequence[Photo]) -> list[Features | str]:
-        """Of each photo, or why it cannot be decoded."""
+        """Features of each photo, or why it cannot be decoded."""
         with one_opencv_thread():
             return self._run_tasks("features", self._features_of, photos, _MOST_DETECTORS)
 
@@ -197,7 +197,7 @@ class _Work:
     def matches(
         self, photos: Sequence[Photo], features: Sequence[Features], pairs: Sequence[ImagePair]
     ) -> list[Matches]:
-        """Of each pair; of features at one place, the first stands for all."""
+        """Matches of each pair; of features at one place, the first stands for all."""
         places = [_first_at_place(one.pixels) for one in features]
 
         def matches_of(pair: ImagePair) -> Matches:
@@ -274,7 +274,7 @@ class _Work:
         return matches and cache_key(*parts, *rows)
 
     def _from_cache_or_computed(self, stage: str, key: str, compute: Callable[[], Arrays]) -> Arrays:
-        """From the cache, or computed and put there."""
+        """Arrays from the cache, or computed and put there."""
         found = self._load_cached(stage, key)
         if found is None:
             found = compute()

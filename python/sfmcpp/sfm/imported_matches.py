@@ -183,7 +183,7 @@ def _sizes(features: Sequence[Features], sizes: ArrayLike | None) -> list[tuple[
 def _checked_pair(
     pair: ImagePair, found: ArrayLike, features: Sequence[Features]
 ) -> tuple[ImagePair, Matches]:
-    """With the lower number first."""
+    """A pair with the lower number first, and its matches of these features; else InvalidArgument."""
     name = f"matches[{pair}]"
     try:
         i, j = (index(number) for number in pair)

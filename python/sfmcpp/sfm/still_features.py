@@ -164,7 +164,7 @@ def _standing_pairs(
 
 
 def _as_unmoved(graph: MatchGraph, pair: Pair, settings: FrontEndSettings) -> Pair:
-    """With the geometry of an image and itself: noise must not make a plane of it."""
+    """The pair with the geometry of an image and itself: noise must not make a plane of it."""
     image, itself = graph.features[pair.first], pair.matches[:, [0, 0]]
     return replace(pair, geometry=estimated_geometry(image, image, None, None, itself, settings))
 

@@ -96,7 +96,7 @@ def _write_model(problem: Problem, folder: Path) -> None:
 
 
 def _draw_top_view(report: SlamReport, trajectory: Trajectory, problem: Problem, path: Path) -> None:
-    """From above, in the frame of the first camera; of the first true one where there is a truth."""
+    """Draw the map from above, in the frame of the first camera, or of the first true one."""
     comparison = report.comparison
     if comparison is None:
         place, truth = _at_first_pose(trajectory), None

@@ -77,7 +77,7 @@ class SlamReport(ReportTable):
         return self._evaluated(_ALIGNED)
 
     def _evaluated(self, ways: _Ways) -> tuple[str, Evaluation | None]:
-        """By the first of the ways that is determined, and what it is called."""
+        """The first of the ways that is determined: what it is called, and the comparison by it."""
         run = self.run
         if run.drive.truth is None or run.world is None:
             return "", None
@@ -235,5 +235,5 @@ def require_pictures(folder: Path) -> None:
 
 
 def _keyframe_facts(record: KeyframeRecord) -> dict[str, Any]:
-    """All but the curves that the weights were chosen from: a hundred numbers each."""
+    """All of a record but the curves that the weights were chosen from: a hundred numbers each."""
     return {f.name: getattr(record, f.name) for f in fields(record) if f.name != "selections"}

@@ -304,7 +304,7 @@ class _PlainYaml:
         import yaml
 
         class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-            """Without numbers to the base of 60, which take the square of their length."""
+            """Loads YAML without numbers to the base of 60, which take the square of their length."""
 
         for kind in (int, float):
             Loader.add_constructor(f"tag:yaml.org,2002:{kind.__name__}", _scalar_to(kind))

@@ -193,7 +193,7 @@ class CheckpointFolder:
         return replace(newest, remark=remark)
 
     def sequences(self) -> set[int]:
-        """Of the checkpoints that are whole."""
+        """Sequence numbers of the checkpoints that are whole."""
         found = set()
         for name in _NAMES:
             with suppress(DatasetError):
@@ -230,7 +230,7 @@ class CheckpointFolder:
 
 @dataclass(frozen=True)
 class _Slot:
-    """One of the two files, and the how manieth of the run's checkpoints is in it."""
+    """One of the two files, and the number of the checkpoint in it, counted from the start of the run."""
 
     number: int
     sequence: int

@@ -182,7 +182,7 @@ def _subpixel_corners(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float
 
 
 def _corner_orientations(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> FloatArray:
-    """Of the mean gradient around each of (n, 2), from x towards y [rad], from 0 to 2π."""
+    """Directions (n,) of the mean gradient around pixels (n, 2), from x towards y [rad], from 0 to 2π."""
     columns, rows = np.rint(pixels).astype(np.int64).T
     slopes = [
         cv2.GaussianBlur(cv2.Sobel(gray, cv2.CV_32F, *order), (0, 0), _ORIENTATION_BLUR_PX)[rows, columns]

@@ -196,7 +196,7 @@ class _Folder(Frames):
         return np.asarray(image)
 
     def _eight_bits(self, deep: NDArray[Any]) -> GreyImage:
-        """With one white for all: points are followed by their brightness."""
+        """An image in 8 bits, with one white for all: points are followed by their brightness."""
         if self._white is None:
             self._white = max(white_level(deep), self._white_of_others(deep.dtype))
         return eight_bits(deep, self._white)
