@@ -95,7 +95,7 @@ def _focal_from_film(exif: Tags, size: tuple[int, int]) -> float | None:
 
 
 def _focal_from_plane(exif: Tags, size: tuple[int, int]) -> float | None:
-    """Focal length by the pixels per length on the sensor, counted at the size of the stored image."""
+    """Focal length by the pixels per length on the sensor, at the size in which the camera stored it."""
     focal_mm = _positive(exif.get(_FOCAL_MM))
     unit = _MM_PER_PLANE_UNIT.get(exif.get(_PLANE_UNIT, 2))
     resolution = next((r for tag in _PLANE_RESOLUTION if (r := _positive(exif.get(tag)))), None)
