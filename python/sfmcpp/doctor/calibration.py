@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -121,6 +121,22 @@ def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) 
     squares = [case.squared_error(t) for t in (given, freed)]
     count = parameters * len(np.unique(freed.problem.intrinsics_index[freed.problem.camera_index]))
     return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy(freed.problem)
+
+
+def significantly_freed(
+    case: Case, free: Callable[[Problem], Problem], parameters: int
+) -> tuple[Trial, Trial, float] | None:
+    """The least-squares trial, that with more intrinsics free, and by which part the squared error falls.
+
+    None where either cannot be, or the fall is not significant for so many parameters per row in use.
+    """
+    given = case.least_squares
+    if given is None:
+        return None
+    freed = adjusted(free(given.problem), case.constraints, "squared")
+    if isinstance(freed, str) or not is_significant(case, given, freed, parameters):
+        return None
+    return given, freed, 1 - case.squared_error(freed) / case.squared_error(given)
 
 
 def _calibration_finding(

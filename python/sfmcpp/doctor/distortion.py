@@ -9,13 +9,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sfmcpp.doctor.calibration import adjusted_with_free_calibration, is_significant
+from sfmcpp.doctor.calibration import adjusted_with_free_calibration, significantly_freed
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.trial import (
     BENDS,
     Trial,
-    adjusted,
     as_perspective,
     may_be_perspective,
     moved_at_border,
@@ -34,13 +33,10 @@ def distortion(case: Case) -> Iterator[Finding]:
     trial = case.sound_trial
     if trial is None or not _may_be_tested(trial.problem):
         return
-    given = case.least_squares
-    if given is None:
+    found = significantly_freed(case, _with_free_distortion, parameters=1)
+    if found is None:
         return
-    freed = adjusted(_with_free_distortion(given.problem), case.constraints, "squared")
-    if isinstance(freed, str) or not is_significant(case, given, freed, parameters=1):
-        return
-    less = 1 - case.squared_error(freed) / case.squared_error(given)
+    given, freed, less = found
     if less > _NOTABLE and not _focal_explains_more(case, case.good_part, freed):
         case.lacks_distortion = True
         yield _finding(given.problem, freed.problem, less)
