@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scaling.one_run import status_bytes
+from peers.harness.process_memory import peak_bytes, reset_peak, resident_bytes
 from scaling.other_shapes import problem_of
 
 import sfmcpp
@@ -125,8 +125,8 @@ def run(shape: str, solver: str) -> Record:
     The first solve of a process waits for memory that nothing has touched, at times longer than it computes.
     """
     problem = SHAPES[shape][1]() if shape in SHAPES else sfmcpp.read(shape)
-    resident = status_bytes("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
+    resident = resident_bytes()
+    reset_peak()
     summary = sfmcpp.solve(problem.copy(), linear_solver=solver, **LIMITS)
     for _ in range(REPEATS if summary.seconds_total < WORTH_REPEATING_S else 0):
         again = sfmcpp.solve(problem.copy(), linear_solver=solver, **LIMITS)
@@ -138,7 +138,7 @@ def run(shape: str, solver: str) -> Record:
         "forecast": [vars(forecast) for forecast in summary.linear_solver_forecast],
         "seconds_setup": summary.seconds_setup,
         "trace": [[s.seconds, s.cost, s.linear_solver_iterations] for s in summary.iterations],
-        "peak_bytes": status_bytes("VmHWM") - resident,
+        "peak_bytes": peak_bytes() - resident,
         "size": [problem.num_cameras, problem.num_points, problem.num_observations],
     }
 

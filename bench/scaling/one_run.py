@@ -13,6 +13,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from peers.harness.process_memory import peak_bytes, reset_peak, resident_bytes
+
 
 def run(request: dict[str, Any]) -> dict[str, Any]:
     """Read, solve; memory is counted from after reading to the peak of the solve."""
@@ -21,8 +23,8 @@ def run(request: dict[str, Any]) -> dict[str, Any]:
     if request.get("memory_bytes"):
         resource.setrlimit(resource.RLIMIT_AS, (request["memory_bytes"], request["memory_bytes"]))
     problem = sfmcpp.read(request["path"])
-    inputs = status_bytes("VmRSS")
-    Path("/proc/self/clear_refs").write_text("5")  # forgets the peak of reading
+    inputs = resident_bytes()
+    reset_peak()
     began, began_cpu = time.perf_counter(), time.process_time()
     summary = sfmcpp.solve(problem, **request["options"])
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - began_cpu
@@ -38,19 +40,13 @@ def run(request: dict[str, Any]) -> dict[str, Any]:
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
         "seconds_setup": summary.seconds_setup,
-        "peak_bytes": status_bytes("VmHWM") - inputs,
+        "peak_bytes": peak_bytes() - inputs,
         "inputs_bytes": inputs,
         "final_cost": summary.final_cost,
         "trace": [[step.seconds, step.cost] for step in summary.iterations],
         "cg_iterations": sum(step.linear_solver_iterations for step in summary.iterations),
         "state": hashlib.sha256(state).hexdigest()[:16],
     }
-
-
-def status_bytes(key: str) -> int:
-    """What Linux counts of this process [bytes]."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(key))
 
 
 if __name__ == "__main__":

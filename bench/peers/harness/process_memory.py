@@ -18,7 +18,7 @@ def peak_bytes() -> int:
 
 
 def reset_peak() -> None:
-    """Restart the peak at the present resident size, so that it forgets what reading the file took."""
+    """Restart the peak at the present resident size, so that it forgets what was before."""
     Path("/proc/self/clear_refs").write_text("5")
 
 

@@ -248,6 +248,6 @@ def _are_to_one_side(pixels: FloatArray) -> bool:
 
 
 def _principal_points(problem: Problem, intrinsics: FloatArray) -> FloatArray | None:
-    """Of each row of intrinsics (G, 2) [px]; None where the camera model has none."""
+    """Principal point of each row of intrinsics (G, 2) [px]; None where the camera model has none."""
     names = problem.intrinsic_names
     return intrinsics[:, [names.index("cx"), names.index("cy")]] if "cx" in names else None

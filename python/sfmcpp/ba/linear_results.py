@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import wraps
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,6 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 
 if TYPE_CHECKING:
     from scipy.sparse import bsr_matrix, csr_matrix
-
-    from sfmcpp.ba.linearize import LinearModel
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 _COLUMN = re.compile(r"column (\d+) of a camera: ")
@@ -150,11 +148,24 @@ def moved_to_cameras(of_frames: Covariance, by_frame: FloatArray, by_sensor: Flo
     return Covariance(by_columns @ of_frames.cameras @ by_columns.transpose(0, 2, 1), of_frames.points, joint)
 
 
+class ColumnsOfCameras(Protocol):
+    """What errors of a linear model are explained by: its columns, their names, and its normal matrix."""
+
+    camera_columns: IndexArray
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the D parameters of a camera."""
+
+    def normal_matrix(self) -> csr_matrix:
+        """(columns, columns) normal matrix."""
+
+
 def with_camera_names(method: Method) -> Method:
     """Let a method of a linear model name the cameras that are meant where it fails."""
 
     @wraps(method)
-    def call(self: LinearModel, *arguments: Any, **named: Any) -> Any:
+    def call(self: ColumnsOfCameras, *arguments: Any, **named: Any) -> Any:
         try:
             return method(self, *arguments, **named)
         except InvalidArgument as error:
@@ -163,7 +174,7 @@ def with_camera_names(method: Method) -> Method:
     return cast(Method, call)
 
 
-def _with_cameras(text: str, model: LinearModel) -> str:
+def _with_cameras(text: str, model: ColumnsOfCameras) -> str:
     column = _COLUMN.match(text)
     if column is not None:
         camera, parameter = np.argwhere(model.camera_columns == int(column[1]))[0].tolist()
@@ -175,7 +186,7 @@ def _with_cameras(text: str, model: LinearModel) -> str:
     return text
 
 
-def _undetermined_cameras(model: LinearModel) -> list[int]:
+def _undetermined_cameras(model: ColumnsOfCameras) -> list[int]:
     """Cameras whose own block of the normal matrix, the points given, is singular."""
     normal = model.normal_matrix()
     found = []

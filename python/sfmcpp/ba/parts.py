@@ -49,12 +49,12 @@ class Part:
 
     @property
     def rows_of_points(self) -> Rows:
-        """Those of :func:`rows_of_points`, with the points' numbers in the whole."""
+        """Rows by :func:`rows_of_points`, with the points' numbers in the whole."""
         return rows_of_points(self.problem, self.point_numbers)
 
     @property
     def rows_of_observations(self) -> Rows:
-        """Those of :func:`rows_of_observations`, with the numbers of observations and points in the whole."""
+        """Rows by :func:`rows_of_observations`, with the numbers of observations and points in the whole."""
         points = self.point_numbers[self.problem.point_index].astype(np.int32)
         return rows_of_observations(self.problem, self.observation_numbers) | {"point_index": points}
 
@@ -181,7 +181,7 @@ class ProblemSize:
 
     @classmethod
     def of(cls, problem: Problem, ranks: Ranks | None = None) -> ProblemSize:
-        """Of a problem, or of all whose part it is on this rank."""
+        """Size of a problem, or of the whole whose part it is on this rank."""
         own = (problem.num_points, problem.num_observations)
         points, observations = zip(*([own] if ranks is None else ranks.everyones(own)), strict=True)
         size = cls(problem.num_cameras, sum(points), sum(observations))

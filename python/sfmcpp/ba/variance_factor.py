@@ -46,7 +46,7 @@ class InfluenceSums:
         return cls(squares, float(weights.mean()), max(float(slopes.mean()), _LEAST_SLOPE), 2 * len(squared))
 
     def redundancy(self, parameters: float) -> float:
-        """Degrees of freedom beside parameters; what a loss has let go of adds none."""
+        """Degrees of freedom beside so many parameters; what a loss has let go of adds none."""
         return self.count - parameters / self.slope
 
     def variance_in_cost(self, parameters: float) -> float:
@@ -58,7 +58,7 @@ class InfluenceSums:
         return self.variance_in_cost(parameters) * self.weight / self.slope
 
     def variance_factor(self, parameters: float, numbers: int, squares: float) -> float:
-        """The latter with numbers of groups and their weighted squared errors; NaN without redundancy."""
+        """Variance over the stated one, with numbers and squared errors of groups; NaN without redundancy."""
         redundancy = self.redundancy(parameters) + numbers
         own = self.squares / self.slope * self.weight / self.slope
         return (own + squares) / redundancy if redundancy > 0 else np.nan

@@ -10,9 +10,9 @@ from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 
+from rich import progress as bars
 from rich.console import Console
 from rich.live import Live
-from rich.progress import TaskID
 from rich.table import Table
 from rich.text import Text
 
@@ -21,6 +21,7 @@ from sfmcpp.ba.parts import ProblemSize
 from sfmcpp.cli.console import print_result, progress_is_seen, stderr_console
 from sfmcpp.cli.targets import Targets
 from sfmcpp.model.process_state import peak_memory_bytes
+from sfmcpp.model.threads import Progress, no_progress
 
 ROWS = 8
 _PREDICTED = "predicted for a step"
@@ -188,33 +189,31 @@ def _decrease(previous: Iteration, current: Iteration) -> str:
     return f"{1 - current.cost / previous.cost:.2e}" if previous.cost > 0 else "0"
 
 
-# Called as ``show(stage, done, total)``; a total of 0 is not known yet.
-ShowStage = Callable[[str, int, int], None]
-
-
 @contextmanager
-def shown_stages(*, quiet: bool) -> Iterator[ShowStage]:
-    """Show the stages of a run, each with a bar and the time that remains; on a terminal only."""
-    if quiet or not progress_is_seen():
-        yield lambda stage, done, total: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+def shown_stages(*, quiet: bool) -> Iterator[Progress]:
+    """Show the stages of a run, each with a bar and the time that remains; on a terminal only.
 
+    It gives ``show(stage, done, total)``, which asks for no stop; a total of 0 is not known yet.
+    """
+    if quiet or not progress_is_seen():
+        yield no_progress
+        return
     columns = (
-        TextColumn("{task.description:<12}"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(compact=True, elapsed_when_finished=True),
+        bars.TextColumn("{task.description:<12}"),
+        bars.BarColumn(bar_width=24),
+        bars.MofNCompleteColumn(),
+        bars.TimeRemainingColumn(compact=True, elapsed_when_finished=True),
     )
     console = stderr_console()
-    tasks: dict[str, TaskID] = {}
-    with Progress(
+    tasks: dict[str, bars.TaskID] = {}
+    with bars.Progress(
         *columns, console=console, refresh_per_second=REFRESHES_PER_SECOND, redirect_stdout=False
-    ) as progress:
+    ) as shown:
 
-        def show(stage: str, done: int, total: int) -> None:
+        def show(stage: str, done: int, total: int) -> bool:
             if stage not in tasks:
-                tasks[stage] = progress.add_task(stage, total=total or None)
-            progress.update(tasks[stage], completed=done, total=total or None)
+                tasks[stage] = shown.add_task(stage, total=total or None)
+            shown.update(tasks[stage], completed=done, total=total or None)
+            return False
 
         yield show

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sfmcpp.cli.choices import choice_option
+from sfmcpp.cli.choices import Quiet, choice_option
 from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.cli.flags import flag_of, options_of, with_flags
 from sfmcpp.errors import DatasetError, InvalidArgument
@@ -86,7 +86,7 @@ def evaluate(
     truth_format: Annotated[str | None, _format("the truth")] = None,
     report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report as JSON.")] = None,
     plot: Annotated[Path | None, typer.Option(metavar="FILE", help="Plot both: png, svg, pdf.")] = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
+    quiet: Quiet = False,
 ) -> ExitCode:
     """Evaluate a model or a trajectory against ground truth.
 

@@ -13,7 +13,7 @@ from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem, SensorStream, Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sources.io.files import is_folder, is_present
+from sfmcpp.sources.io.files import is_folder, require_present
 
 if TYPE_CHECKING:
     from sfmcpp.sources.frames import TrackSequence
@@ -39,8 +39,7 @@ def info(source: Source) -> ExitCode:
     from sfmcpp.cli.display import facts_text
     from sfmcpp.sources.bags import is_bag, open_bag
 
-    if not is_present(source):
-        raise DatasetError(source, "no such file or directory")
+    require_present(source)
     if is_bag(source):
         with open_bag(source) as opened:
             print_result(bag_table(opened))

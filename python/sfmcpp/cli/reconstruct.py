@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import OutputFolder, choice_option
+from sfmcpp.cli.choices import OutputFolder, Quiet, choice_option
 from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.cameras import FREE_INTRINSICS, SHARING
@@ -128,7 +128,7 @@ def reconstruct(
     resume: Resume = False,
     view: View = False,
     threads: Threads = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
+    quiet: Quiet = False,
 ) -> ExitCode:
     """Cameras and points from photos or tracks."""
     from sfmcpp.cli.reconstruct_run import run_reconstruction

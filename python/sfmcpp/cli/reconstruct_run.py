@@ -13,12 +13,12 @@ from sfmcpp.cli.flags import with_flags
 from sfmcpp.cli.georeferencing import Gps, write_camera_positions
 from sfmcpp.cli.interrupts import noted_interrupt
 from sfmcpp.cli.targets import Targets, require_results_folder, writable_folder
-from sfmcpp.errors import DatasetError, InvalidArgument
+from sfmcpp.errors import InvalidArgument
 from sfmcpp.sfm import reconstruct
 from sfmcpp.sfm.outcome import NO_MODEL
-from sfmcpp.sources.io.files import failures_named, is_present
+from sfmcpp.sources.io.files import failures_named, require_present
 from sfmcpp.study import SfmReport
-from sfmcpp.study.pages.sfm_page import VIEW
+from sfmcpp.study.report_files import VIEW
 from sfmcpp.study.sfm_files import FILES, PAGE
 
 # What an interrupted run has done, for `--resume`; in the folder of the results.
@@ -46,8 +46,7 @@ def run_reconstruction(
         If an option asks for what there is not.
     """
     require_results_folder(folder, FILES)
-    if not is_present(source):
-        raise DatasetError(source, "no such file or directory")
+    require_present(source)
     positions = options["gps"] if isinstance(options["gps"], Path) else None
     targets.check(source, *([] if positions is None else [positions]))
     Gps(positions).check(targets.positions)

@@ -16,7 +16,7 @@ from sfmcpp.ba.ranks import Ranks
 from sfmcpp.ba.time_limit import TimeLimit
 from sfmcpp.cli.checkpoints import Checkpoints
 from sfmcpp.cli.console import ExitCode, print_error, print_no_result, print_note
-from sfmcpp.cli.control import Control, control_after_solve
+from sfmcpp.cli.control_points import Control, control_after_solve
 from sfmcpp.cli.covariances import Precision
 from sfmcpp.cli.flags import RIGS, with_flags
 from sfmcpp.cli.georeferencing import Gps, outcome_after_solve, write_camera_positions

@@ -9,7 +9,15 @@ from typing import Annotated
 
 import typer
 
-from sfmcpp.cli.choices import Checkpoint, CheckpointEvery, OutputFolder, Resume, choice_option, completion_of
+from sfmcpp.cli.choices import (
+    Checkpoint,
+    CheckpointEvery,
+    OutputFolder,
+    Quiet,
+    Resume,
+    choice_option,
+    completion_of,
+)
 from sfmcpp.cli.console import ExitCode, with_exit_code
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.sensor_stream import SENSORS
@@ -243,7 +251,7 @@ def slam(
     final_adjustment: Final = FINAL_ADJUSTMENTS[0],
     seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
     view: View = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
+    quiet: Quiet = False,
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = None,

@@ -15,6 +15,7 @@ from sfmcpp.cli.choices import (
     ControlFile,
     ControlSigma,
     GpsSource,
+    Quiet,
     Resume,
     choice_option,
     look_of_names,
@@ -22,7 +23,7 @@ from sfmcpp.cli.choices import (
     with_solve_options,
 )
 from sfmcpp.cli.console import ExitCode, with_exit_code
-from sfmcpp.cli.control import Control
+from sfmcpp.cli.control_points import Control
 from sfmcpp.cli.flags import RIGS
 from sfmcpp.cli.georeferencing import Gps
 from sfmcpp.cli.run import Job
@@ -74,7 +75,7 @@ def solve(
     ] = None,
     view: View = None,
     covariances: CovarianceFile = None,
-    quiet: Annotated[bool, typer.Option("--quiet", help="Print only errors.")] = False,
+    quiet: Quiet = False,
     checkpoint: Checkpoint = None,
     checkpoint_every: CheckpointEvery = 60.0,
     resume: Resume = None,

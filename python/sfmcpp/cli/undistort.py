@@ -31,12 +31,7 @@ def undistort(model: Model, photos: Photos, output: OutputFolder, quiet: Quiet =
 
     problem = read_with_notes(model)
     with writable_folder(output), shown_stages(quiet=quiet) as show:
-
-        def shown(stage: str, done: int, total: int) -> bool:
-            show(stage, done, total)
-            return False
-
-        made = undistort_photos(problem, photos, output, progress=shown)
+        made = undistort_photos(problem, photos, output, progress=show)
     if not quiet:
         widths, heights = made.metadata.image_sizes.T if made.metadata.image_sizes is not None else ([], [])
         sizes = sorted({f"{w}×{h}" for w, h in zip(widths, heights, strict=True)})

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba import LinearModel, SolveOptions
+from sfmcpp.ba import LinearModel
 from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import (
-    RIDGE,
     Trial,
     adjusted,
     as_perspective,
     radii_px,
     redundancy,
-    with_free_sensors,
+    ridged_model,
+    rows_seen,
 )
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
@@ -123,6 +123,22 @@ def is_significant(case: Case, given: Trial, freed: Trial, parameters: int = 3) 
     return squares[0] - squares[1] > _SIGNIFICANT * count * squares[1] / redundancy(freed.problem)
 
 
+def significantly_freed(
+    case: Case, free: Callable[[Problem], Problem], parameters: int
+) -> tuple[Trial, Trial, float] | None:
+    """The least-squares trial, that with more intrinsics free, and by which part the squared error falls.
+
+    None where either cannot be, or the fall is not significant for so many parameters per row in use.
+    """
+    given = case.least_squares
+    if given is None:
+        return None
+    freed = adjusted(free(given.problem), case.constraints, "squared")
+    if isinstance(freed, str) or not is_significant(case, given, freed, parameters):
+        return None
+    return given, freed, 1 - case.squared_error(freed) / case.squared_error(given)
+
+
 def _calibration_finding(
     case: Case, before: FloatArray, after: FloatArray, given: Trial, freed: Trial
 ) -> Iterator[Finding]:
@@ -201,14 +217,11 @@ def _fits_larger_image(case: Case, given: Trial, freed: Trial, ratio: float) -> 
 
 def undetermined(case: Case) -> Iterator[Finding]:
     """Find free intrinsics that the images do not determine."""
-    trial = case.trial
-    if case.is_misread or trial is None or trial.problem.fixed_intrinsics.all() or case.fits_poorly(trial):
+    trial = case.sound_trial
+    if trial is None or trial.problem.fixed_intrinsics.all():
         return
     try:
-        # Sensors are looked at by themselves.
-        model = LinearModel(
-            with_free_sensors(trial.problem), case.constraints, SolveOptions(gauge="fixed"), RIDGE
-        )
+        model = ridged_model(trial.problem, case.constraints)  # sensors are looked at by themselves
         cameras = _chosen_cameras(trial.problem)
         unknown = _undetermined_intrinsics(case, trial, model, cameras)
     except InvalidArgument as error:
@@ -238,11 +251,8 @@ def _undetermined_intrinsics(
 
 def _chosen_cameras(problem: Problem) -> IndexArray:
     """One camera that observes for each row of intrinsics with something free."""
-    seen = np.unique(problem.camera_index)
-    _, first = np.unique(problem.intrinsics_index[seen], return_index=True)
-    cameras = seen[first]
-    cameras = cameras[~problem.fixed_intrinsics[problem.intrinsics_index[cameras]].all(axis=1)]
-    return np.asarray(cameras, dtype=np.int32)
+    rows, cameras = rows_seen(problem)
+    return cameras[~problem.fixed_intrinsics[rows].all(axis=1)]
 
 
 def _largest_slopes(problem: Problem, model: LinearModel) -> FloatArray:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.ba import Summary
 from sfmcpp.doctor.finding import named
+from sfmcpp.doctor.freed_intrinsics import FreedIntrinsics, freed_intrinsics, held_columns
 from sfmcpp.doctor.trial import GROSS, Trial, adjusted, median_sigma_px, robust_trial
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
@@ -20,8 +21,6 @@ from sfmcpp.model.residual_group import Group
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
-
-    from sfmcpp.doctor.freed_intrinsics import FreedIntrinsics
 
 # What is computed per observation in Python looks at so many, evenly spread: medians hardly feel it.
 SAMPLE = 200_000
@@ -81,7 +80,7 @@ class Case:
 
     @cached_property
     def sigma_px(self) -> float:
-        """The same, to judge errors by; a thousandth of images too small to be in pixels, where none is."""
+        """σ to judge errors by: as stated, or a thousandth of images too small to be in pixels [px]."""
         uncertainty = self.problem.uncertainty
         is_stated = uncertainty.sigma_px is not None or uncertainty.covariance_px2 is not None
         return (
@@ -182,13 +181,19 @@ class Case:
             return None
         return trial
 
+    @property
+    def sound_trial(self) -> Trial | None:
+        """The trial where it tells more than that the start is misread or that nothing near it fits."""
+        trial = self.trial
+        return None if self.is_misread or trial is None or self.fits_poorly(trial) else trial
+
     def fits_poorly(self, trial: Trial) -> bool:
         """Whether the median error is gross: by the standard deviation stated, and to the eye."""
         return trial.median_px > max(GROSS * self.sigma_px, _VISIBLE * self.extent_px)
 
     def squared_error(self, trial: Trial) -> float:
-        """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
-        return float((np.minimum(trial.errors_px, self.extent_px) ** 2).sum())
+        """Its sum of squares by the extent of the images [px²]."""
+        return trial.squared_error(self.extent_px)
 
     @cached_property
     def good_part(self) -> Problem:
@@ -209,10 +214,20 @@ class Case:
 
     @cached_property
     def freed_intrinsics(self) -> FreedIntrinsics | None:
-        """The same with all intrinsics free; None where that cannot be or tells nothing."""
-        from sfmcpp.doctor.freed_intrinsics import freed_intrinsics
-
-        return freed_intrinsics(self)
+        """The least-squares trial with all intrinsics free; None where that cannot be or tells nothing."""
+        trial = self.sound_trial
+        if trial is None:
+            return None
+        columns = held_columns(trial.problem)
+        if not len(columns) or self.least_squares is None:
+            return None
+        found = freed_intrinsics(
+            self.least_squares, columns, self.constraints, self.extent_px, self.stated_sigma_px
+        )
+        if isinstance(found, str):
+            self.skipped.append(f"held intrinsics: {found}")
+            return None
+        return found
 
     @property
     def best_fit(self) -> Trial | None:

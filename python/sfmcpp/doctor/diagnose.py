@@ -115,7 +115,7 @@ def diagnose(
 
 
 def _examinations(case: Case) -> tuple[Callable[[Case], Iterator[Finding]], ...]:
-    """Those that the camera model allows; what is left out is noted."""
+    """The examinations that the camera model allows; what is left out is noted."""
     if not case.problem.is_metric:
         return _OF_PROJECTIVE_CAMERAS
     model = case.problem.camera_model

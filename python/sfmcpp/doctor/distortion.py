@@ -9,32 +9,34 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sfmcpp.doctor.calibration import adjusted_with_free_calibration, is_significant
+from sfmcpp.doctor.calibration import adjusted_with_free_calibration, significantly_freed
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.trial import Trial, adjusted, as_perspective, moved_at_border, radii_px
+from sfmcpp.doctor.trial import (
+    BENDS,
+    Trial,
+    as_perspective,
+    may_be_perspective,
+    moved_at_border,
+    radii_px,
+)
 from sfmcpp.model import Problem
-from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
+from sfmcpp.model.camera_models import PERSPECTIVE
 
 # Part of the squared error by which it must fall: that of lenses of a few tenths of a pixel falls by less.
 _NOTABLE = 0.1
-# Part of the image's radius that pixels at the border must move by for a scene to bend much.
-_BENDS = 0.02
 _F, _K1 = PERSPECTIVE.index("f"), PERSPECTIVE.index("k1")
 
 
 def distortion(case: Case) -> Iterator[Finding]:
     """Find a held radial distortion that, once free, explains more than any other focal length."""
-    trial = case.trial
-    if case.is_misread or trial is None or not _may_be_tested(trial.problem) or case.fits_poorly(trial):
+    trial = case.sound_trial
+    if trial is None or not _may_be_tested(trial.problem):
         return
-    given = case.least_squares
-    if given is None:
+    found = significantly_freed(case, _with_free_distortion, parameters=1)
+    if found is None:
         return
-    freed = adjusted(_with_free_distortion(given.problem), case.constraints, "squared")
-    if isinstance(freed, str) or not is_significant(case, given, freed, parameters=1):
-        return
-    less = 1 - case.squared_error(freed) / case.squared_error(given)
+    given, freed, less = found
     if less > _NOTABLE and not _focal_explains_more(case, case.good_part, freed):
         case.lacks_distortion = True
         yield _finding(given.problem, freed.problem, less)
@@ -42,7 +44,7 @@ def distortion(case: Case) -> Iterator[Finding]:
 
 def _may_be_tested(problem: Problem) -> bool:
     """Whether the cameras that observe are pinholes whose distortion is held."""
-    if problem.camera_model == "bal" or not is_pinhole(problem.camera_model):
+    if not may_be_perspective(problem):
         return False
     rows = np.unique(problem.intrinsics_index[problem.camera_index])
     return bool(problem.fixed_intrinsics[rows, _K1:].all())
@@ -74,7 +76,7 @@ def _finding(given: Problem, freed: Problem, less: float) -> Finding:
     held = bool(given.fixed_intrinsics[rows, _F].all())
     return Finding(
         "wrong-distortion" if before else "missing-distortion",
-        "warning" if moved.max() > _BENDS else "note",
+        "warning" if moved.max() > BENDS else "note",
         f"k1 is held at {before:.3g} and contradicts the images: {k1:.3g} fits them and moves pixels at the "
         f"border by {(moved * radii).max():.2g} px; the squared error falls by {less:.0%}; without it the "
         "scene bends",

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.trial import (
-    RIDGE,
     Trial,
     adjusted,
     as_perspective,
+    may_be_perspective,
     moved_at_border,
     radii_px,
     redundancy,
-    with_free_sensors,
+    ridged_model,
+    rows_seen,
 )
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
-from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
-
-if TYPE_CHECKING:
-    from sfmcpp.doctor.case import Case
+from sfmcpp.model.camera_models import PERSPECTIVE
+from sfmcpp.model.residual_group import Group
 
 TESTED = ("f", "aspect", "cx", "cy", "k1")
 _F = PERSPECTIVE.index("f")
@@ -80,34 +78,49 @@ class FreedIntrinsics:
         return np.asarray(np.abs(self.after - self.before) * scale)
 
 
-def freed_intrinsics(case: Case) -> FreedIntrinsics | None:
-    """Free all held intrinsics of the trial; None, the reason noted, where that tells nothing."""
-    trial = case.trial
-    if case.is_misread or trial is None or case.fits_poorly(trial) or not _may_be_tested(trial.problem):
-        return None
-    given = case.least_squares
-    columns = _held_columns(trial.problem)
-    if given is None or not len(columns):
-        return None
-    freed = adjusted(_with_free(given.problem, columns), case.constraints, "squared")
-    if isinstance(freed, str) or case.squared_error(freed) > case.squared_error(given):
-        return None
-    try:
-        return _with_sigmas(case, given, freed, columns)
-    except InvalidArgument as error:
-        case.skipped.append(f"held intrinsics: {error}")
-        return None
-
-
-def _may_be_tested(problem: Problem) -> bool:
-    return problem.camera_model != "bal" and is_pinhole(problem.camera_model)
-
-
-def _held_columns(problem: Problem) -> IndexArray:
-    """Columns of TESTED that are held for all cameras that observe."""
+def held_columns(problem: Problem) -> IndexArray:
+    """Columns of TESTED that are held for all cameras that observe; none where a camera model has others."""
+    if not may_be_perspective(problem):
+        return np.zeros(0, dtype=np.int32)
     rows = np.unique(problem.intrinsics_index[problem.camera_index])
     fixed = as_perspective(problem).fixed_intrinsics[rows]
     return np.array([k for k in map(PERSPECTIVE.index, TESTED) if fixed[:, k].all()], dtype=np.int32)
+
+
+def freed_intrinsics(
+    given: Trial, columns: IndexArray, constraints: Sequence[Group], extent_px: float, sigma_px: float
+) -> FreedIntrinsics | str | None:
+    """Free some held intrinsics of a trial.
+
+    Parameters
+    ----------
+    given : Trial
+        Adjusted by least squares.
+    columns : (n,) int
+        The columns of its intrinsics to free.
+    constraints : sequence of ConstraintGroup or ResidualGroup
+        Those it was adjusted with.
+    extent_px : float
+        Extent of the images [px].
+    sigma_px : float
+        Median stated standard deviation of the pixels [px].
+
+    Returns
+    -------
+    FreedIntrinsics, str or None
+        None where the adjustment fails or fits worse; a text with the reason where nothing determines them.
+    """
+    freed = adjusted(_with_free(given.problem, columns), constraints, "squared")
+    if isinstance(freed, str) or freed.squared_error(extent_px) > given.squared_error(extent_px):
+        return None
+    rows, cameras = rows_seen(freed.problem)
+    try:
+        variances = _variances(freed.problem, columns, cameras, constraints)
+    except InvalidArgument as error:
+        return str(error)
+    variance_px2 = freed.squared_error(extent_px) / redundancy(freed.problem, variances.size)
+    sigmas = np.sqrt(np.maximum(variances, 0) * (variance_px2 / sigma_px**2))
+    return FreedIntrinsics(given, freed, columns, rows, cameras, np.asarray(sigmas), float(variance_px2))
 
 
 def _with_free(problem: Problem, columns: IndexArray) -> Problem:
@@ -124,18 +137,10 @@ def _with_free(problem: Problem, columns: IndexArray) -> Problem:
     )
 
 
-def _with_sigmas(case: Case, given: Trial, freed: Trial, columns: IndexArray) -> FreedIntrinsics:
-    problem = freed.problem
-    seen = np.unique(problem.camera_index)
-    rows, first = np.unique(problem.intrinsics_index[seen], return_index=True)
-    cameras = seen[first].astype(np.int32)
-    # Sensors are looked at by themselves.
-    model = LinearModel(with_free_sensors(problem), case.constraints, SolveOptions(gauge="fixed"), RIDGE)
+def _variances(
+    problem: Problem, columns: IndexArray, cameras: IndexArray, constraints: Sequence[Group]
+) -> FloatArray:
+    """(k, n) variances of these intrinsics of these cameras for the stated σ of the pixels."""
+    model = ridged_model(problem, constraints)  # sensors are looked at by themselves
     places = [model.parameter_names.index(PERSPECTIVE[k]) for k in columns]
-    blocks = np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, places]
-    variance = case.squared_error(freed) / redundancy(problem, blocks.size)
-    scale = variance / case.stated_sigma_px**2
-    sigmas = np.sqrt(np.maximum(blocks, 0) * scale)
-    return FreedIntrinsics(
-        given, freed, columns, rows.astype(np.int32), cameras, np.asarray(sigmas), float(variance)
-    )
+    return np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, places]

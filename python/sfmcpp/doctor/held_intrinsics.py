@@ -9,14 +9,15 @@ import numpy as np
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
 from sfmcpp.doctor.freed_intrinsics import FreedIntrinsics
+from sfmcpp.doctor.trial import BENDS
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 
 # So many standard deviations do not come about by chance, even where they are too small by a factor.
 _SIGMAS = 5.0
-# Part of the image's radius that the correction moves pixels at its border by: less is of no consequence, and
-# from the larger part on the scene is notably bent. A principal point is mostly taken up by rotations.
-_LEAST, _BENDS, _FAR_CENTRE = 0.003, 0.02, 0.05
+# Part of the image's radius that the correction moves pixels at its border by: less is of no consequence. A
+# principal point is mostly taken up by rotations, and bends the scene from a larger part on than others.
+_LEAST, _FAR_CENTRE = 0.003, 0.05
 _CENTRE = ("cx", "cy")
 _F, _K1 = PERSPECTIVE.index("f"), PERSPECTIVE.index("k1")
 _CODES = {
@@ -84,7 +85,7 @@ def _finding(case: Case, freed: FreedIntrinsics, wrong: BoolArray, places: list[
     concerned = np.isin(freed.freed.problem.intrinsics_index, freed.rows[rows])
     cameras = () if rows.all() else tuple(int(k) for k in np.flatnonzero(concerned))
     of = f" of camera {case.name_of_camera(int(freed.cameras[worst]))}" if cameras else ""
-    limit = _FAR_CENTRE if name in _CENTRE else _BENDS
+    limit = _FAR_CENTRE if name in _CENTRE else BENDS
     return Finding(
         "missing-distortion" if name == "k1" and not before[0] else _CODES[name],
         "warning" if moved[worst] > limit else "note",

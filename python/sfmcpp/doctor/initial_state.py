@@ -36,8 +36,8 @@ def no_image(problem: Problem) -> Iterator[Finding]:
 
 def far_start(case: Case) -> Iterator[Finding]:
     """Find initial states off by tens of pixels without counting outliers, and the worst cameras."""
-    trial = case.trial
-    if case.is_misread or trial is None or case.fits_poorly(trial):
+    trial = case.sound_trial
+    if trial is None:
         return
     part, good = case.part, ~trial.gross(case.sigma_px)
     if not good.any():

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from sfmcpp.ba import LinearModel, SolveOptions
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding, named, numbers
-from sfmcpp.doctor.trial import RIDGE, Trial, radii_px, with_free_sensors
+from sfmcpp.doctor.trial import Trial, radii_px, ridged_model
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.model import Problem, Rigs
@@ -22,8 +21,8 @@ _HALF = 0.5
 
 def mounting(case: Case) -> Iterator[Finding]:
     """Find free sensors with observations whose poses in their rig are undetermined."""
-    trial, rigs = case.trial, case.problem.rigs
-    if rigs is None or case.is_misread or trial is None or case.fits_poorly(trial):
+    trial, rigs = case.sound_trial, case.problem.rigs
+    if rigs is None or trial is None:
         return
     free = _observing_sensors(trial.problem, rigs)
     shares = _rim_shares(case, trial, free)
@@ -75,8 +74,7 @@ def _shares_with_free(
     """Shares (n,) of the wanted sensors if these are free and no others."""
     problem, rigs = trial.problem, trial.problem.rigs
     assert rigs is not None
-    held = with_free_sensors(problem, *free)
-    model = LinearModel(held, case.constraints, SolveOptions(gauge="fixed"), RIDGE)
+    model = ridged_model(problem, case.constraints, *free)
     sensors = rigs.sensor_of_camera[problem.camera_index]
     cameras = problem.camera_index[[int(np.argmax(sensors == k)) for k in wanted]]
     variances = np.diagonal(model.covariance(cameras=cameras).cameras, axis1=1, axis2=2)[:, -6:]
@@ -88,7 +86,7 @@ def _shares_with_free(
 
 
 def _median_distance(problem: Problem, chosen: NDArray[np.bool_]) -> float:
-    """Of the points from the cameras of these observations."""
+    """Median distance of the points from the cameras of these observations."""
     rays = problem.points[problem.point_index[chosen]] - problem.centres[problem.camera_index[chosen]]
     return float(np.median(np.linalg.norm(rays, axis=1)))
 

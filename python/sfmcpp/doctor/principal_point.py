@@ -10,12 +10,11 @@ import numpy as np
 from sfmcpp.doctor.calibration import (
     CENTRE_OFF,
     FOCAL_OFF,
-    is_significant,
     median_calibration,
+    significantly_freed,
 )
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.trial import adjusted
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
 
@@ -28,18 +27,13 @@ _CENTRE = slice(2, 4)
 
 def principal_point(case: Case) -> Iterator[Finding]:
     """Find principal points that, once free, change the focal length or halve the squared error."""
-    trial = case.trial
-    if case.is_misread or case.lacks_distortion or trial is None:
+    trial = case.sound_trial
+    if trial is None or case.lacks_distortion or not _may_be_tested(trial.problem):
         return
-    if not _may_be_tested(trial.problem) or case.fits_poorly(trial):
+    found = significantly_freed(case, _with_free_centre, parameters=2)
+    if found is None:
         return
-    given = case.least_squares
-    if given is None:
-        return
-    freed = adjusted(_with_free_centre(given.problem), case.constraints, "squared")
-    if isinstance(freed, str) or not is_significant(case, given, freed, parameters=2):
-        return
-    less = 1 - case.squared_error(freed) / case.squared_error(given)
+    given, freed, less = found
     before, after = median_calibration(given), median_calibration(freed)
     focal_off = abs(np.log(after[0] / before[0])) > np.log1p(FOCAL_OFF)
     is_far = bool(focal_off or np.abs(after - before)[_CENTRE].max() > CENTRE_OFF * case.extent_px)

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfmcpp.ba import LinearModel, SolveOptions, residuals_px
+from sfmcpp.ba import residuals_px
 from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding
-from sfmcpp.doctor.trial import RIDGE, redundancy
+from sfmcpp.doctor.trial import redundancy, ridged_model
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import so3
 from sfmcpp.model import Problem
@@ -44,8 +44,7 @@ class _Readout:
 
 def rolling_shutter(case: Case) -> Iterator[Finding]:
     """Find residuals along the motion of the camera that grow from row to row."""
-    trial = case.trial
-    if case.is_misread or trial is None or case.fits_poorly(trial) or case.constraints:
+    if case.sound_trial is None or case.constraints:
         return
     fitted = case.best_fit
     if fitted is None or fitted.problem.rigs is not None or not is_path(fitted.problem):
@@ -92,7 +91,7 @@ def _left_px2(problem: Problem, residuals: FloatArray) -> float:
     """Sum of squares that the linear model leaves of residuals (M, 2) [px²]."""
     pixels = problem.pixels - residuals_px(problem) + residuals
     problem = replace(problem, pixels=pixels, sigma_px=None, covariance_px2=None)
-    model = LinearModel(problem, (), SolveOptions(gauge="fixed"), RIDGE)
+    model = ridged_model(problem, ())
     return max(float((residuals**2).sum() - 2 * model.step().decrease), 0.0)
 
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sfmcpp.ba import SolveOptions, Summary, adjust, residuals
+from sfmcpp.ba import LinearModel, SolveOptions, Summary, adjust, residuals
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.geometry.significance import MEDIAN_LENGTH
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import BoolArray, FloatArray, largest_of_each
-from sfmcpp.model.camera_models import PERSPECTIVE
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray, largest_of_each
+from sfmcpp.model.camera_models import PERSPECTIVE, is_pinhole
 from sfmcpp.model.names import Loss
 from sfmcpp.model.residual_group import Group
 from sfmcpp.model.uncertainty import Whitener
@@ -29,6 +29,8 @@ GROSS, NOTABLE_SHARE = 10.0, 0.01
 _LEAST_SHARE, _TWICE = 0.4, 0.5
 # Share of its diagonal added to H: what is not determined at all gets a large variance instead of none.
 RIDGE = 1e-12
+# Part of the image's radius that pixels at the border must move by for a scene to bend much.
+BENDS = 0.02
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,10 @@ class Trial:
         """(M,) observations off by more than ten standard deviations, as stated or as found."""
         return np.asarray(self.errors_px > GROSS * max(self.sigma_px, sigma_px))
 
+    def squared_error(self, extent_px: float) -> float:
+        """Sum of squares, errors beyond the image (and behind cameras) counted as its extent [px²]."""
+        return float((np.minimum(self.errors_px, extent_px) ** 2).sum())
+
 
 def adjusted(problem: Problem, constraints: Sequence[Group] = (), loss: Loss = "cauchy") -> Trial | str:
     """Adjust a copy of `problem`; a text with the reason if that fails."""
@@ -84,6 +90,11 @@ def redundancy(problem: Problem, intrinsics: int = 0) -> int:
     return max(2 * problem.num_observations - 6 * cameras - 3 * points - intrinsics, 1)
 
 
+def may_be_perspective(problem: Problem) -> bool:
+    """Whether :func:`as_perspective` takes a problem."""
+    return problem.camera_model != "bal" and is_pinhole(problem.camera_model)
+
+
 def as_perspective(problem: Problem) -> Problem:
     """A calibrated or perspective problem with all columns of perspective cameras; new ones are 0, held."""
     shape, given = (len(problem.intrinsics), len(PERSPECTIVE)), problem.intrinsics.shape[1]
@@ -98,6 +109,18 @@ def with_free_sensors(problem: Problem, *free: int) -> Problem:
         return problem
     mask = np.isin(np.arange(problem.rigs.num_sensors), free)
     return replace(problem, rigs=replace(problem.rigs, free_sensors=mask))
+
+
+def ridged_model(problem: Problem, constraints: Sequence[Group], *free: int) -> LinearModel:
+    """The linear model in the fixed gauge with these sensors free; what is open has a large variance."""
+    return LinearModel(with_free_sensors(problem, *free), constraints, SolveOptions(gauge="fixed"), RIDGE)
+
+
+def rows_seen(problem: Problem) -> tuple[IndexArray, IndexArray]:
+    """Rows of intrinsics (k,) that are observed, and a camera (k,) of each."""
+    seen = np.unique(problem.camera_index)
+    rows, first = np.unique(problem.intrinsics_index[seen], return_index=True)
+    return rows.astype(np.int32), seen[first].astype(np.int32)
 
 
 def radii_px(problem: Problem) -> FloatArray:

@@ -99,6 +99,24 @@ def num_views(problem: Problem) -> NDArray[np.int64]:
     return np.bincount(problem.point_index, minlength=problem.num_points)
 
 
+def tracks_of_one_length(
+    problem: Problem, numbers_of_track: Callable[[int], int], at_once: int
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+    """Points (T,) and their observations (T, L), two at least, of all tracks of each length.
+
+    They come in pieces that fit in memory: where a track of length L takes ``numbers_of_track(L)`` numbers, a
+    piece takes `at_once`, or little more.
+    """
+    by_point = np.argsort(problem.point_index, kind="stable")
+    views = num_views(problem)
+    start = np.cumsum(views) - views
+    for length in np.unique(views[views > 1]).tolist():
+        tracks = np.flatnonzero(views == length)
+        size = len(tracks) * numbers_of_track(length)
+        for some in np.array_split(tracks, min(len(tracks), -(-size // at_once))):
+            yield some, by_point[start[some, None] + np.arange(length)]
+
+
 def sum_by_point(problem: Problem, values: FloatArray) -> FloatArray:
     """(N, K) sums of `values` (M, K) over the observations of each point, in their order."""
     index, count = problem.point_index, problem.num_points

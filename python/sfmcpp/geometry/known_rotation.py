@@ -223,7 +223,7 @@ def _pairs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weights(errors: FloatArray) -> FloatArray:
-    """Those of Cauchy's loss, and none for what is no inlier by far: there are many of these."""
+    """Weights of Cauchy's loss, and zero for what is far from an inlier: there is much of it."""
     return np.where(errors < _FAR, 1 / (1 + errors**2), 0.0)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfmcpp.geometry._tracks import (
     camera_columns,
@@ -13,6 +12,7 @@ from sfmcpp.geometry._tracks import (
     points_in_cameras,
     require_metric,
     require_points,
+    tracks_of_one_length,
 )
 from sfmcpp.geometry.pinhole import pinhole_rows, to_pixels, unit
 from sfmcpp.model import Problem
@@ -138,20 +138,10 @@ def triangulation_angles_deg(problem: Problem, points: FloatArray) -> FloatArray
     world = require_points(problem, points)
     with np.errstate(invalid="ignore"):  # points at infinity
         rays = unit(world[problem.point_index] - problem.centres[problem.camera_index])
-    by_point = np.argsort(problem.point_index, kind="stable")
-    views = num_views(problem)
-    start = np.cumsum(views) - views
     chords = np.zeros(problem.num_points)
-    for length in np.unique(views[views > 1]):
-        for some in _pieces(np.flatnonzero(views == length), int(length)):
-            members = by_point[start[some, None] + np.arange(length)]
-            chords[some] = _longest_chords(rays[members])
+    for tracks, members in tracks_of_one_length(problem, lambda length: length**2, _PAIRS_AT_ONCE):
+        chords[tracks] = _longest_chords(rays[members])
     return np.asarray(np.degrees(2 * np.arcsin(np.minimum(np.nan_to_num(chords) / 2, 1.0))))
-
-
-def _pieces(points: NDArray[np.intp], length: int) -> list[NDArray[np.intp]]:
-    """`points` of tracks of that length, in pieces whose pairs of rays fit in memory."""
-    return np.array_split(points, min(len(points), -(-len(points) * length**2 // _PAIRS_AT_ONCE)))
 
 
 def _longest_chords(rays: FloatArray) -> FloatArray:

@@ -6,17 +6,15 @@ rays, then moved to the least squared errors of those that agree.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.geometry._tracks import (
     intrinsics_of_observations,
     normalised_pixels,
-    num_views,
     observed_rays,
     require_metric,
+    tracks_of_one_length,
 )
 from sfmcpp.geometry.epipolar import midpoints
 from sfmcpp.geometry.pinhole import homogeneous
@@ -98,7 +96,7 @@ def _best_midpoints(problem: Problem, max_error_px: float) -> FloatArray:
     points = np.full((problem.num_points, 3), np.nan)
     rays, centres = observed_rays(problem), problem.centres[problem.camera_index]
     limits = max_error_px / _px_per_rad(problem)
-    for tracks, members in _tracks_of_one_length(problem):
+    for tracks, members in tracks_of_one_length(problem, _numbers_of_track, _PIECE):
         origin = centres[members].mean(axis=1)
         local = centres[members] - origin[:, None]
         points[tracks] = origin + _best_of_pairs(rays[members], local, limits[members])
@@ -114,16 +112,8 @@ def _px_per_rad(problem: Problem) -> FloatArray:
     return np.asarray(focal * away**1.5)
 
 
-def _tracks_of_one_length(problem: Problem) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-    """Points (T,) and their observations (T, L), in pieces that fit in memory."""
-    by_point = np.argsort(problem.point_index, kind="stable")
-    views = num_views(problem)
-    start = np.cumsum(views) - views
-    for length in np.unique(views[views >= 2]):
-        tracks = np.flatnonzero(views == length)
-        size = len(tracks) * length * len(_pairs(int(length))[0])
-        for some in np.array_split(tracks, min(len(tracks), -(-size // _PIECE))):
-            yield some, by_point[start[some, None] + np.arange(length)]
+def _numbers_of_track(length: int) -> int:
+    return length * len(_pairs(length)[0])
 
 
 def _pairs(length: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

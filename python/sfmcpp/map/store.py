@@ -363,7 +363,7 @@ class Store:
         return self._tracks.in_order(numbers_below("points", points, len(self.points)))[0]
 
     def observations_with_places(self, points: ArrayLike) -> tuple[Rows, Rows]:
-        """The same, and for each the place in `points` of what it sees; a point may stand there twice."""
+        """:meth:`observations_of`, with the place in `points` of what each sees; some may be there twice."""
         return self._tracks.in_order(numbers_below("points", points, len(self.points)))
 
 

@@ -50,7 +50,7 @@ class Tracks:
         return np.concatenate(rows), np.concatenate(places)
 
     def in_order(self, points: NDArray[np.integer]) -> tuple[Rows, Rows]:
-        """The same, point after point; each has its keypoints in the order they were linked."""
+        """As :meth:`of`, point after point; each has its keypoints in the order they were linked."""
         rows, places = self.of(points)
         order = np.argsort(places, kind="stable")
         return rows[order], places[order]

@@ -196,7 +196,7 @@ def _tuple_rule(rules: Sequence[Rule]) -> Rule:
 
 
 def _container_rule(kind: type, rules: Sequence[Rule]) -> Rule:
-    """Of something to loop over; entries are looked at where that does not use them up."""
+    """Rule of something to loop over; entries are looked at where that does not use them up."""
 
     def rule(name: str, value: Any) -> Any:
         is_list_like = kind is Sequence and isinstance(value, np.ndarray) and value.ndim > 0

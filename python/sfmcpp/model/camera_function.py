@@ -216,7 +216,7 @@ class CameraFunction:
         return np.array(shaped_array(label, found, (len(points), 2)))  # `project` may write into it again
 
     def _differences(self, points: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """By points and by intrinsics; NaN where no place beside a point has differences either."""
+        """Derivatives by points and by intrinsics; NaN where no place beside a point has any either."""
         step = _STEP * np.linalg.norm(points, axis=1)
         found = self._differences_at(points, intrinsics, step)
         for k, sign in product(range(3), (-1, 1)):

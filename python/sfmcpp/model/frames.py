@@ -75,7 +75,7 @@ class View:
                 object.__setattr__(self, name, number_array(f"view.{name}", given))
 
     def only(self, mask: NDArray[np.bool_]) -> View:
-        """Those of `mask` (n,)."""
+        """The view with only the tracks of a mask (n,)."""
         return View(self.tracks[mask], self.pixels[mask], self.right and self.right.only(mask))
 
 

@@ -113,7 +113,7 @@ def _tabulated(derivative: Curve) -> tuple[FloatArray, FloatArray]:
 
 
 def _values(name: str, function: Curve, begin: FloatArray, end: FloatArray, places: FloatArray) -> FloatArray:
-    """Of a function of s at places of cells (n,): (n, places)."""
+    """Values (n, places) of a function of s, at places of cells (n,) given as shares of each cell."""
     s = np.clip(begin[:, None] + (end - begin)[:, None] * places, begin[:, None], end[:, None])
     values = np.array(shaped_array(name, function(s.flatten()), (s.size,))).reshape(s.shape)
     bad = ~(np.isfinite(values) & (values >= 0))

@@ -100,7 +100,7 @@ class Metadata(NamedFields):
         return f"POINT3D_ID {', '.join(str(ids[p]) for p in points)}" if known else ""
 
     def of_observations(self, chosen: NDArray[Any], camera_index: IndexArray, pixels: FloatArray) -> Metadata:
-        """Those of some observations, numbers or a mask, of the M that have these cameras and `pixels`.
+        """Metadata of some observations, by number or mask, of the M that have these cameras and `pixels`.
 
         Keypoints of an image are numbered without a gap: those of the others are kept, and see no point.
         """
@@ -116,7 +116,7 @@ class Metadata(NamedFields):
         return replace(self, extra=extra)
 
     def of_points(self, chosen: NDArray[np.int64], count: int) -> Metadata:
-        """Those of some of `count` points, by number."""
+        """Metadata of some of `count` points, by number."""
         require_entries(self.extra)
         colors = _rows_of_array("point_colors", self.point_colors, chosen, count)
         return replace(
@@ -124,7 +124,7 @@ class Metadata(NamedFields):
         )
 
     def of_cameras(self, chosen: NDArray[np.int64], count: int) -> Metadata:
-        """Those of some of `count` cameras, by number: keypoints of the others are gone."""
+        """Metadata of some of `count` cameras, by number: keypoints of the others are gone."""
         require_entries(self.extra)
         self.require_names()
         extra, number = _rows_of_entries(self.extra, _OF_CAMERAS, chosen, count), new_numbers(chosen, count)
@@ -148,7 +148,7 @@ class Metadata(NamedFields):
         return replace(self, image_names=names, image_sizes=sizes, extra=extra)
 
     def of_intrinsics(self, chosen: NDArray[np.int64], number: IndexArray) -> Metadata:
-        """Those of some of the rows of intrinsics, and what has become the `number` of each; −1: it is gone.
+        """Metadata of some rows of intrinsics; `number` has the new number of each row, −1 where it is gone.
 
         A row that is chosen again is a camera of its own, with an identifier of its own.
         """
@@ -164,14 +164,14 @@ class Metadata(NamedFields):
         return replace(self, extra=extra)
 
     def of_rigs(self, frames: NDArray[Any], sensors: NDArray[Any], num_sensors: int) -> Metadata:
-        """Those of some frames, and of some of `num_sensors` sensors, by number."""
+        """Metadata of some frames, and of some of `num_sensors` sensors, by number."""
         extra = _rows_of_entries(self.extra, (RIG_IDS, SENSOR_ROWS), sensors, num_sensors)
         if len(ids := extra.get(FRAME_IDS, ())) > frames.max(initial=-1):
             extra[FRAME_IDS] = np.asarray(ids)[frames]
         return replace(self, extra=extra)
 
     def with_added_points(self, count: int, camera_index: IndexArray, added: IndexArray) -> Metadata:
-        """With those of `count` points more, black, seen by a new keypoint of each of the cameras `added`.
+        """Metadata with `count` points more, black, and a keypoint for each new observation.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ class WorldOrigin:
 
     @classmethod
     def of_entries(cls, extra: dict[str, Any]) -> WorldOrigin | None:
-        """The same of the entries alone; InvalidArgument if it is not three finite numbers."""
+        """The origin in entries of metadata; InvalidArgument if it is not three finite numbers."""
         for geodetic, key in _KEYS.items():
             if key in extra:
                 return cls(finite_array(f"metadata {key}", extra[key], (3,)), geodetic)

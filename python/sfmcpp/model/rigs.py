@@ -255,7 +255,7 @@ class Rigs(NamedFields):
         return replace(self, free_sensors=free)
 
     def of_cameras(self, chosen: NDArray[Any]) -> tuple[Rigs, NDArray[np.int64], NDArray[np.int64]]:
-        """Those of some cameras, with the frames and the sensors that these have; both are numbered anew.
+        """Rigs of some cameras, with the frames and the sensors that these have; both are numbered anew.
 
         Parameters
         ----------

@@ -1,7 +1,8 @@
-"""Tasks on threads, their results in the order of the tasks, with progress."""
+"""Tasks on threads, their results in the order of the tasks, with progress; what a stage of them takes."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
@@ -87,6 +88,16 @@ def results_in_order(
             results.append(result)
             report_progress(progress, stage, len(results), len(tasks))
     return results
+
+
+@contextmanager
+def timed(stage: str, seconds: dict[str, float]) -> Iterator[None]:
+    """Add the time that passes inside [s] to that of a stage."""
+    begin = time.perf_counter()
+    try:
+        yield
+    finally:
+        seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - begin
 
 
 def report_progress(progress: Progress, stage: str, done: int, total: int) -> None:

@@ -53,7 +53,7 @@ class Uncertainty:
         return cls(covariance_px2=covariances)
 
     def of_some(self, chosen: NDArray[Any]) -> Uncertainty:
-        """That of some observations, by number or mask."""
+        """Uncertainty of some observations, by number or mask."""
         return Uncertainty(
             None if self.sigma_px is None else self.sigma_px[chosen],
             None if self.covariance_px2 is None else self.covariance_px2[chosen],
@@ -70,7 +70,7 @@ class Uncertainty:
         return self.as_sigmas(count)[:, None, None] ** 2 * np.eye(2)
 
     def followed_by(self, sigma_px: FloatArray, count: int) -> Uncertainty:
-        """That of `count` observations, and after them of some with standard deviations (k,) [px]."""
+        """Uncertainty of `count` observations, and of others after them with these σ (k,) [px]."""
         if self.covariance_px2 is not None:
             more = Uncertainty(sigma_px).as_covariances(len(sigma_px))
             return Uncertainty(covariance_px2=np.concatenate([self.covariance_px2, more]))

@@ -33,7 +33,7 @@ from sfmcpp.sensors.position_jumps import (
     without_leaps,
     without_repeats,
 )
-from sfmcpp.sensors.rate_bias import MOST_TURNS, RateBias, find_bias, without_bias
+from sfmcpp.sensors.rate_bias import MOST_TURNS, RateBias, bias_at_rest, find_bias, without_bias
 from sfmcpp.sensors.rate_spikes import describe_spikes, rate_spikes, without_spikes
 from sfmcpp.sensors.registration import (
     Registration,
@@ -41,7 +41,6 @@ from sfmcpp.sensors.registration import (
     register_by_poses,
     register_by_positions,
 )
-from sfmcpp.sensors.rest_bias import bias_at_rest
 from sfmcpp.sensors.rotation_check import RotationCheck, check_rotations, check_turns
 from sfmcpp.sensors.slip import Slip, find_slip, is_easier_without, without_slip
 from sfmcpp.sensors.stream import (

@@ -18,10 +18,8 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.stream import clock_text, measured_at, require_kind
-from sfmcpp.sensors.turn import Turn, rotations_of, times_of
+from sfmcpp.sensors.turn import CLOCK_OFFSETS_S, Turn, rotations_of, times_of
 
-# Clock offsets tried [s].
-_OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 _FEWEST_STEPS = 40
 # Offsets that differ by no more count as the same [s].
 _SAME_S = 0.15
@@ -99,7 +97,7 @@ def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[T
         If the stream is of another kind.
     """
     require_kind(stream, "velocity")
-    reach_s = float(_OFFSETS_S[-1])
+    reach_s = float(CLOCK_OFFSETS_S[-1])
     known = [t for t in turns if np.isfinite(t.direction).all() and np.isfinite(t.covariance).all()]
     covered = [t for t in known if stream.covers(t.start_s - reach_s, t.end_s + reach_s)]
     if len(covered) < _FEWEST_STEPS:
@@ -115,9 +113,9 @@ def check_directions(stream: SensorStream, mounting: Mounting, turns: Sequence[T
         steps[best, moves], [t for t, moved in zip(covered, moves, strict=True) if moved]
     ):
         return DirectionClock(int(np.count_nonzero(moves)))
-    others = np.abs(_OFFSETS_S - _OFFSETS_S[best]) > _SAME_S
+    others = np.abs(CLOCK_OFFSETS_S - CLOCK_OFFSETS_S[best]) > _SAME_S
     return DirectionClock(
-        int(np.count_nonzero(moves)), float(_OFFSETS_S[best]), float(cost[others].min() - cost[best])
+        int(np.count_nonzero(moves)), float(CLOCK_OFFSETS_S[best]), float(cost[others].min() - cost[best])
     )
 
 
@@ -125,8 +123,8 @@ def _steps_at_offsets(stream: SensorStream, mounting: Mounting, turns: Sequence[
     """Mean velocities (offsets, n, 3) of the camera in its axes at the start, each offset added to stamps."""
     start, end = times_of(turns).T
     body = mounting.camera_from_body.T @ rotations_of(turns) @ mounting.camera_from_body
-    middles = (0.5 * (start + end) - _OFFSETS_S[:, None]).ravel()
-    velocities = measured_at(stream, middles).reshape(len(_OFFSETS_S), len(turns), 3)
+    middles = (0.5 * (start + end) - CLOCK_OFFSETS_S[:, None]).ravel()
+    velocities = measured_at(stream, middles).reshape(len(CLOCK_OFFSETS_S), len(turns), 3)
     halfway = so3.exp(0.5 * so3.log(body))
     lever = (body @ mounting.lever_arm_m - mounting.lever_arm_m) / (end - start)[:, None]
     travelled = np.einsum("nij,onj->oni", halfway, velocities) + lever

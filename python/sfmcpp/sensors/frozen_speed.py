@@ -7,12 +7,11 @@ import numpy as np
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.sensors.odometer import STANDING_M_S
 from sfmcpp.sensors.stream import repeats, require_kind, rows_of_repeats
 
 # A value that is repeated for less time moves the body little, whatever its speed is [s].
 _LEAST_S = 0.5
-# Below this speed the body stands, and every odometer repeats itself [m/s].
-_STANDING_M_S = 0.3
 # Values on a coarse grid and those of a logger are repeated at more than this share of the samples; at least
 # so many others must show that these are not. Among them such a row may come by chance with this probability.
 _MOST_REPEATED, _FEWEST_OTHERS, _CHANCE = 0.2, 20, 1e-3
@@ -46,7 +45,7 @@ def frozen_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     require_kind(stream, "speed", "velocity")
     begins, following = rows_of_repeats(stream.values)
     held_s = stream.t_s[following - 1] - stream.t_s[begins]
-    moving = np.linalg.norm(stream.values, axis=1) > _STANDING_M_S
+    moving = np.linalg.norm(stream.values, axis=1) > STANDING_M_S
     long = np.flatnonzero((held_s >= _LEAST_S) & moving[begins])
     if not len(long):
         return ()

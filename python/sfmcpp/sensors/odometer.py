@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from sfmcpp.geometry import so3
+from sfmcpp.geometry.significance import SIGMA_OF_MEDIAN
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
@@ -43,8 +44,10 @@ _FEWEST_PAIRS, _DEAD_SHARE, _USUAL = 4, 0.02, 0.9
 # where it usually goes: beside the axis of a body that turns on the spot it goes aside [rad].
 _LEAST_PARALLAX_PX, _SEEN_SHARE = 1.0, 0.1
 _LARGEST_TURN_RAD, _LARGEST_ASIDE_RAD = np.radians([5.0, 45.0]).tolist()
-# Below this speed the body stands, and the factor of an odometer may change without a leap.
-_STANDING_M_S = 0.3
+# Below this speed the body stands: every odometer repeats itself, and its factor may change without a leap.
+STANDING_M_S = 0.3
+# Shorter steps determine no scale.
+LEAST_STEP_M = 0.05
 # A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
 # likewise: no odometer leaves out so many low speeds.
 _LEAST_BLOCKED_M_S, _BLOCKED_WITHIN = 3.0, 2
@@ -236,7 +239,7 @@ def dead_stretches(stream: SensorStream, turns: Sequence[Turn]) -> tuple[Gap, ..
 
 
 def _with_steps(turns: Sequence[Turn]) -> list[Turn]:
-    """Those of the pairs of images that no body which stands or turns on the spot can have made."""
+    """Pairs of images that no body which stands or turns on the spot can have made."""
     known = [turn.parallax_px for turn in turns if not np.isnan(turn.parallax_px)]
     least_px = max(_LEAST_PARALLAX_PX, _SEEN_SHARE * float(np.median(known))) if known else 0.0
     stepping = [turn for turn in turns if not turn.parallax_px < least_px]
@@ -310,7 +313,7 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> list[i
     # Zeros are left out where enough is left: a speed that is repeated was not measured anew.
     bends = np.abs(np.diff(speeds, 2))
     varied = bends[bends > 0] if np.mean(bends > 0) > _VARIED else bends
-    noise = 1.4826 * float(np.median(varied)) / np.sqrt(6.0)
+    noise = SIGMA_OF_MEDIAN * float(np.median(varied)) / np.sqrt(6.0)
     even_s = np.maximum(period_s, float(np.median(period_s)))
     usual = local_medians(changes / even_s, _NEIGHBOURS)
     alone = np.minimum(np.abs(changes - usual * period_s), np.abs(changes - usual * even_s))
@@ -326,18 +329,18 @@ def _end_of_factor(speeds: FloatArray, leaps: list[int], at: int) -> int:
     """The sample after the leap that takes number `at` back, or after the next stop; the last if none is."""
     opening = leaps[at]
     closing = next((k for k in leaps[at + 1 :] if _is_opposite_leap(speeds, opening, k)), len(speeds) - 1)
-    stop = next((k for k in range(opening + 1, closing) if speeds[k] < _STANDING_M_S), closing)
+    stop = next((k for k in range(opening + 1, closing) if speeds[k] < STANDING_M_S), closing)
     return min(stop + 1, len(speeds) - 1)
 
 
 def _is_start(speeds: FloatArray, opening: int) -> bool:
     """Whether a body that stands begins to move, with an odometer that does not show the low speeds."""
-    return bool(speeds[opening] < _STANDING_M_S and speeds[opening + 1] < _LEAST_BLOCKED_M_S)
+    return bool(speeds[opening] < STANDING_M_S and speeds[opening + 1] < _LEAST_BLOCKED_M_S)
 
 
 def _end_of_block(speeds: FloatArray, leaps: list[int], opening: int) -> int | None:
     """The sample at which a wheel that blocks turns again; None where it does not block, or leap back."""
-    stands = speeds < _STANDING_M_S
+    stands = speeds < STANDING_M_S
     after = stands[opening + 1 : opening + 1 + _BLOCKED_WITHIN]
     if speeds[opening] < _LEAST_BLOCKED_M_S or not after.any():
         return None

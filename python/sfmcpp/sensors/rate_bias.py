@@ -1,7 +1,8 @@
-"""Bias of angular rates, estimated from the rotations of pairs of images.
+"""Bias of angular rates, by the rotations of pairs of images and by what the rates say while the body rests.
 
 A map follows a gyroscope that it is fitted to; the rotation that two images tell by themselves does not, and
-is right to a milliradian or two where it is not wrong altogether.
+is right to a milliradian or two where it is not wrong altogether. A bias of a tenth of a degree per second
+hides in its noise, but not in a second in which nothing turns.
 """
 
 from __future__ import annotations
@@ -12,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sfmcpp.geometry import so3
-from sfmcpp.model import SensorStream
+from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.rotation_check import turns_at_offsets
 from sfmcpp.sensors.stream import require_kind
-from sfmcpp.sensors.turn import Turn, rotations_of, times_of
+from sfmcpp.sensors.turn import CLOCK_OFFSETS_S, Turn, rotations_of, times_of
 
 # Pairs of images used: fewer do not determine a bias, and more are not needed.
 _FEWEST, MOST_TURNS = 6, 64
@@ -40,12 +41,19 @@ _SHARE_OF_OTHERS = 0.5
 _GAIN = 12.0
 # … the latter if the errors are, beside the camera's rotations, no larger than wrong axes make them.
 _LARGEST_RATIO = 2.0
-# Clock offsets tried [s].
-_OFFSETS_S = np.linspace(-1.0, 1.0, 41)
 # Median length of a vector of three standard normal numbers.
 _MEDIAN_LENGTH = 1.538
 # Rounds of reweighting.
 _ROUNDS = 6
+# Left out at both ends of a rest, as clocks differ [s], and what must be left [s].
+_MARGIN_S, _LEAST_S = 0.25, 0.5
+# Fewest samples of a rest.
+_FEWEST_AT_REST = 5
+# Rates that turn a body from where their mean does by more than this [rad] and so many standard deviations of
+# their noise are of one that does not rest.
+_SAME_RAD, _SAME_SIGMAS = 0.002, 4.0
+# A rest whose rate is farther from the median of all rests than this is none: no bias walks so far [rad/s].
+_LARGEST_WALK_RAD_S = float(np.radians(1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +120,7 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     """
     require_kind(stream, "angular_rate")
     # Clocks that are ahead need the rates after a turn: without them noise would be taken for a bias.
-    reach_s = float(_OFFSETS_S[-1])
+    reach_s = float(CLOCK_OFFSETS_S[-1])
     covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s + reach_s)]
     if len(covered) < _FEWEST:
         return None
@@ -125,6 +133,39 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     if not _is_likelier(left, _left_by_others(stream, mounting, covered, errors)):
         return None
     return np.asarray(mounting.camera_from_body.T @ rate)
+
+
+@checked()
+def bias_at_rest(stream: SensorStream, rests: Sequence[Gap]) -> RateBias | None:
+    """The mean of angular rates during each rest of the body.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"angular_rate"``.
+    rests : sequence of Gap
+        In the order of time; a quarter of a second at both ends is left out.
+
+    Returns
+    -------
+    RateBias or None
+        Known in the middle of each rest that has half a second left with five samples, whose rates turn the
+        body by less than two milliradians and their noise beside their mean, which is 20°/s at most; None if
+        there is no such rest. Rests with rates more than 1°/s from the median of all are left out.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
+    require_kind(stream, "angular_rate")
+    known = [(rest, rate) for rest in rests if (rate := _rate_at_rest(stream, rest)) is not None]
+    if not known:
+        return None
+    middles_s = np.array([0.5 * (rest.start_s + rest.end_s) for rest, _ in known])
+    rates = np.array([rate for _, rate in known])
+    alike = np.linalg.norm(rates - np.median(rates, axis=0), axis=1) <= _LARGEST_WALK_RAD_S
+    return RateBias(middles_s[alike], rates[alike]) if alike.any() else None
 
 
 @checked()
@@ -203,7 +244,7 @@ def _left_by_others(
     stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
 ) -> FloatArray:
     """Lengths (k, n) of the errors at each clock offset, and where they may tell with an even turn [rad]."""
-    by_clocks = np.linalg.norm(rotation_errors(stream, mounting, turns, _OFFSETS_S), axis=-1)
+    by_clocks = np.linalg.norm(rotation_errors(stream, mounting, turns, CLOCK_OFFSETS_S), axis=-1)
     seen, lengths_s = so3.log(rotations_of(turns)), durations_s(turns)
     if _median_norm(errors) > _LARGEST_RATIO * _median_norm(seen):
         return np.asarray(by_clocks)
@@ -213,3 +254,21 @@ def _left_by_others(
 
 def _median_norm(errors: FloatArray) -> FloatArray:
     return np.asarray(np.median(np.linalg.norm(errors, axis=-1), axis=-1))
+
+
+def _rate_at_rest(stream: SensorStream, rest: Gap) -> FloatArray | None:
+    """Mean rate (3,) of one rest; None where it is not known, or not of a body that rests."""
+    start_s, end_s = rest.start_s + _MARGIN_S, rest.end_s - _MARGIN_S
+    if end_s - start_s < _LEAST_S or not stream.covers(start_s, end_s):
+        return None
+    first, last = np.searchsorted(stream.t_s, [start_s, end_s])
+    rates = stream.values[first:last]
+    if len(rates) < _FEWEST_AT_REST:
+        return None
+    rate: FloatArray = rates.mean(axis=0)
+    step_s = (end_s - start_s) / len(rates)
+    angles = step_s * np.cumsum(rates - rate, axis=0)
+    # Of sums up to the middle, whose noise is largest; that of one rate by those beside it.
+    noise = step_s * 0.5 * np.sqrt(len(rates) * (np.diff(rates, axis=0) ** 2).mean(axis=0) / 2)
+    turns = (np.abs(angles) > _SAME_RAD + _SAME_SIGMAS * noise).any()
+    return None if turns or np.linalg.norm(rate) > LARGEST_RAD_S else rate

@@ -9,6 +9,9 @@ import numpy as np
 
 from sfmcpp.model.arrays import FloatArray
 
+# Clock offsets tried of sensors that are compared with them [s].
+CLOCK_OFFSETS_S = np.linspace(-1.0, 1.0, 41)
+
 
 @dataclass(frozen=True, eq=False)
 class Turn:

@@ -139,9 +139,8 @@ def _uneven_pixels(models: Sequence[Map]) -> list[str]:
         aspects = np.where(world.fixed_intrinsics[used, _ASPECT], 1.0, world.intrinsics[used, _ASPECT])
         worst = int(np.argmax(np.abs(np.log(np.maximum(aspects, 1e-6)))))
         if not 1 / _MOST_UNEVEN <= aspects[worst] <= _MOST_UNEVEN:
-            first = np.flatnonzero(world.registered & (world.image_cameras == used[worst]))[0]
             warnings.append(
-                f"fy / fx of the camera of {world.image_names[first]} is estimated as {aspects[worst]:.2f}, "
+                f"fy / fx of {_camera_by_image(world, used[worst])} is estimated as {aspects[worst]:.2f}, "
                 "but pixels of cameras are square: the images leave it open or were resized unevenly, or the "
                 "model is wrong"
             )
@@ -156,9 +155,14 @@ def _impossible_focals(models: Sequence[Map]) -> list[str]:
         focals, sides = world.intrinsics[used, 0], world.camera_sizes[used].max(axis=1)
         shortest, longest = (sides * limit for limit in _LENSES)
         for k in np.flatnonzero((sides > 0) & ((focals < shortest) | (focals > longest)))[:1]:
-            first = np.flatnonzero(world.registered & (world.image_cameras == used[k]))[0]
             warnings.append(
-                f"the focal length of the camera of {world.image_names[first]} is estimated as "
+                f"the focal length of {_camera_by_image(world, used[k])} is estimated as "
                 f"{focals[k]:.0f} px, in images of {sides[k]:.0f} px: no lens has that, the model is wrong"
             )
     return warnings
+
+
+def _camera_by_image(world: Map, camera: int) -> str:
+    """A camera in words, by its first image with a pose."""
+    first = np.flatnonzero(world.registered & (world.image_cameras == camera))[0]
+    return f"the camera of {world.image_names[first]}"

@@ -99,7 +99,7 @@ class ControlOutcome:
         return float(np.sum(marks * self.errors_px[known]) / marks.sum()) if known.any() else np.nan
 
     def moved(self, problem: Problem, by: FloatArray) -> ControlOutcome:
-        """The same of a problem that a further solve has moved: offsets and errors follow, all else stays.
+        """The outcome of a problem that a further solve has moved: offsets and errors follow, the rest stays.
 
         Parameters
         ----------

@@ -23,12 +23,12 @@ def linear_model(
 
 
 def pixel_variance(model: LinearModel) -> float:
-    """Variance of a coordinate of an observation, over that which it was taken to have: for covariances."""
+    """Variance of a coordinate of an observation over the stated one, for covariances."""
     return model.influence_sums().variance_in_normal_matrix(_parameters_of_images(model))
 
 
 def cost_variance(model: LinearModel) -> float:
-    """The same for weights of other terms beside the loss of the observations."""
+    """Variance of a coordinate over the stated one, for weights of other terms of the cost."""
     return model.influence_sums().variance_in_cost(_parameters_of_images(model))
 
 

@@ -7,23 +7,27 @@ was, and one more photo costs its own pairs only.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
+from sfmcpp.geometry import TwoViewGeometry
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.checks import require_count, require_positive, require_seed, require_share
 from sfmcpp.model.photos import Features, Photo
-from sfmcpp.model.threads import Progress, no_progress, report_progress, results_in_order, thread_count
+from sfmcpp.model.threads import (
+    Progress,
+    no_progress,
+    report_progress,
+    results_in_order,
+    thread_count,
+    timed,
+)
 from sfmcpp.sfm.cache import Arrays, Cache, cache_key
-from sfmcpp.sfm.imported_matches import unique_matches
-from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
+from sfmcpp.sfm.match_graph import ImagePair, Matches, MatchGraph, Pair, geometry_of_matches, unique_matches
 from sfmcpp.sources.vision import (
     FeatureSettings,
     PhotoFolder,
@@ -41,7 +45,6 @@ _MOST_DETECTORS = 16
 
 Row = FloatArray | None
 Intrinsics = Sequence[Row]
-ImagePair = tuple[int, int]
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
@@ -171,7 +174,7 @@ class _Work:
     seconds: dict[str, float]
 
     def features(self, photos: Sequence[Photo]) -> list[Features | str]:
-        """Of each photo, or why it cannot be decoded."""
+        """Features of each photo, or why it cannot be decoded."""
         with one_opencv_thread():
             return self._run_tasks("features", self._features_of, photos, _MOST_DETECTORS)
 
@@ -185,7 +188,7 @@ class _Work:
             chosen = choose_pairs(photos, features, matcher, seed=seed, threads=threads, heed=begin_or_go_on)
             return {"pairs": np.array(chosen, dtype=np.int32).reshape(-1, 2)}
 
-        with self._timed("pairs"):
+        with timed("pairs", self.seconds):
             begin_or_go_on()
             found = self._from_cache_or_computed("pairs", self._pairs_key(photos), choose)
             report_progress(self.progress, "pairs", 1, 1)
@@ -194,7 +197,7 @@ class _Work:
     def matches(
         self, photos: Sequence[Photo], features: Sequence[Features], pairs: Sequence[ImagePair]
     ) -> list[Matches]:
-        """Of each pair; of features at one place, the first stands for all."""
+        """Matches of each pair; of features at one place, the first stands for all."""
         places = [_first_at_place(one.pixels) for one in features]
 
         def matches_of(pair: ImagePair) -> Matches:
@@ -271,7 +274,7 @@ class _Work:
         return matches and cache_key(*parts, *rows)
 
     def _from_cache_or_computed(self, stage: str, key: str, compute: Callable[[], Arrays]) -> Arrays:
-        """From the cache, or computed and put there."""
+        """Arrays from the cache, or computed and put there."""
         found = self._load_cached(stage, key)
         if found is None:
             found = compute()
@@ -290,31 +293,16 @@ class _Work:
     ) -> list[Result]:
         threads = thread_count(self.settings.threads)
         threads = threads if most is None else min(most, threads)
-        with self._timed(stage):
+        with timed(stage, self.seconds):
             return results_in_order(function, tasks, threads, stage=stage, progress=self.progress)
-
-    @contextmanager
-    def _timed(self, stage: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
 
 
 def estimated_geometry(
     one: Features, other: Features, row_1: Row, row_2: Row, matches: Matches, settings: FrontEndSettings
 ) -> TwoViewGeometry:
     """What matches say of two images; `row_1` and `row_2`: intrinsics, None where unknown."""
-    return two_view_geometry(
-        one.pixels[matches[:, 0]],
-        other.pixels[matches[:, 1]],
-        row_1,
-        row_2,
-        threshold_px=settings.threshold_px,
-        min_inliers=settings.min_inliers,
-        seed=settings.seed,
-    )
+    limits = settings.threshold_px, settings.min_inliers, settings.seed
+    return geometry_of_matches(one, other, row_1, row_2, matches, *limits)
 
 
 def _first_at_place(pixels: FloatArray) -> IndexArray:

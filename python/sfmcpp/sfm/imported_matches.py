@@ -11,16 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sfmcpp.errors import DatasetError, InvalidArgument
-from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
+from sfmcpp.geometry import TwoViewGeometry
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
-from sfmcpp.sfm.match_graph import Matches, MatchGraph, Pair
+from sfmcpp.sfm.match_graph import ImagePair, Matches, MatchGraph, Pair, geometry_of_matches, unique_matches
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.colmap.database import read_database
-
-ImagePair = tuple[int, int]
 
 
 @checked()
@@ -96,29 +94,13 @@ def match_graph_of_arrays(
 
     def geometry_of(pair: ImagePair) -> TwoViewGeometry:
         (i, j), found = pair, checked[pair]
-        return two_view_geometry(
-            features[i].pixels[found[:, 0]],
-            features[j].pixels[found[:, 1]],
-            rows[i],
-            rows[j],
-            threshold_px=threshold_px,
-            min_inliers=min_inliers,
-            seed=seed,
-        )
+        limits = threshold_px, min_inliers, seed
+        return geometry_of_matches(features[i], features[j], rows[i], rows[j], found, *limits)
 
     count = thread_count(threads)
     geometries = results_in_order(geometry_of, list(checked), count, stage="geometry", progress=progress)
     pairs = [Pair(*ij, m, g) for (ij, m), g in zip(checked.items(), geometries, strict=True)]
     return MatchGraph(photos, features, pairs)
-
-
-def unique_matches(matches: NDArray[np.int32]) -> Matches:
-    """Each match once, without those of a feature that matches several: (k, 2), sorted."""
-    once = np.unique(matches, axis=0).reshape(-1, 2)
-    good = np.ones(len(once), dtype=np.bool_)
-    for column in once.T:
-        good &= np.bincount(column, minlength=1)[column] == 1
-    return np.asarray(once[good], dtype=np.int32)
 
 
 def _columns_by_image(
@@ -201,7 +183,7 @@ def _sizes(features: Sequence[Features], sizes: ArrayLike | None) -> list[tuple[
 def _checked_pair(
     pair: ImagePair, found: ArrayLike, features: Sequence[Features]
 ) -> tuple[ImagePair, Matches]:
-    """With the lower number first."""
+    """A pair with the lower number first, and its matches of these features; else InvalidArgument."""
     name = f"matches[{pair}]"
     try:
         i, j = (index(number) for number in pair)

@@ -8,14 +8,15 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from sfmcpp.geometry import TwoViewGeometry
+from sfmcpp.geometry import TwoViewGeometry, two_view_geometry
 from sfmcpp.model.arrays import IndexArray
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sources.io.colmap.database import DatabaseCamera
 
 Matches = NDArray[np.int32]
+ImagePair = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +90,7 @@ class MatchGraph:
         return found
 
     def largest_general(self, numbers: Sequence[int], most: int) -> list[Pair]:
-        """Those of some pairs that have a general geometry: so many at most, of most verified matches."""
+        """The pairs of these numbers with a general geometry: `most` at most, of most verified matches."""
         general = [pair for pair in map(self.pairs.__getitem__, numbers) if pair.geometry.kind == "general"]
         return sorted(general, key=lambda pair: -pair.num_verified)[:most]
 
@@ -101,3 +102,34 @@ class MatchGraph:
             if cameras[pair.first] == cameras[pair.second]:
                 found[cameras[pair.first]].append(number)
         return found
+
+
+def geometry_of_matches(
+    one: Features,
+    other: Features,
+    row_1: ArrayLike | None,
+    row_2: ArrayLike | None,
+    matches: Matches,
+    threshold_px: float,
+    min_inliers: int,
+    seed: int,
+) -> TwoViewGeometry:
+    """What matches say of two images; `row_1` and `row_2`: intrinsics, None where unknown."""
+    return two_view_geometry(
+        one.pixels[matches[:, 0]],
+        other.pixels[matches[:, 1]],
+        row_1,
+        row_2,
+        threshold_px=threshold_px,
+        min_inliers=min_inliers,
+        seed=seed,
+    )
+
+
+def unique_matches(matches: NDArray[np.int32]) -> Matches:
+    """Each match once, without those of a feature that matches several: (k, 2), sorted."""
+    once = np.unique(matches, axis=0).reshape(-1, 2)
+    good = np.ones(len(once), dtype=np.bool_)
+    for column in once.T:
+        good &= np.bincount(column, minlength=1)[column] == 1
+    return np.asarray(once[good], dtype=np.int32)

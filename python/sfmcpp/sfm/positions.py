@@ -345,7 +345,7 @@ def choose_positions(
 
 
 def _enough_positions(positions: Positions) -> Positions:
-    """The same, refused before hours of work where no model could be brought to them."""
+    """The positions; InvalidArgument, before hours of work, where no model could be brought to them."""
     count = np.count_nonzero(positions.known)
     if count < LEAST_POSITIONS:
         raise InvalidArgument(f"gps: {count} images have a position, {LEAST_POSITIONS} are needed")

@@ -107,7 +107,7 @@ class GpsOutcome:
         return known | by_axis | {"origin": self.world_origin.to_dict(), "rms_m": self.rms_m}
 
     def moved(self, names: Sequence[str], by: FloatArray) -> GpsOutcome:
-        """The same of a model that a further solve has moved: residuals and offsets follow, all else stays.
+        """The outcome of a model that a further solve has moved: residuals and offsets follow, no more.
 
         Parameters
         ----------

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from os import PathLike
@@ -20,7 +18,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import looked_up, require_seed
 from sfmcpp.model.image_tracks import ImageTracks
 from sfmcpp.model.photos import Photo
-from sfmcpp.model.threads import Progress, at_most_threads, no_progress
+from sfmcpp.model.threads import Progress, at_most_threads, no_progress, timed
 from sfmcpp.sfm.adjustment import fix_what_few_images_held
 from sfmcpp.sfm.batch_models import batch_models
 from sfmcpp.sfm.cache import Cache
@@ -80,14 +78,6 @@ class _Run:
     positions: Callable[[Sequence[Photo]], Positions | None]
     seconds: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
-
-    @contextmanager
-    def timed(self, stage: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begin
 
     def cameras_of(self, photos: list[Photo]) -> Cameras:
         return self.cameras.cameras(photos, sharing=self.sharing, model=self.model)
@@ -205,11 +195,11 @@ def reconstruct(
         run.warnings += unused_positions(gps, photos)
         told = RepeatedProgress(progress, "mapping", len(photos))
         with stopped_by(told.again):
-            with run.timed("mapping"):
+            with timed("mapping", run.seconds):
                 grown = METHODS[method](scene, limits, lambda done: told("mapping", done, len(photos)))
             refined = Refinement()
             if subpixel:
-                with run.timed("refining"):
+                with timed("refining", run.seconds):
                     refined = refine_models(grown.models, photos, limits, threads=threads, progress=told)
         found = _finished_run(source, options, scene, grown, run)
         found.warnings += refined.warnings
@@ -244,13 +234,13 @@ def _scene_of(
         raise InvalidArgument(_NO_MASKS)
     require_no_single_picture(path)
     if is_database(path):
-        with run.timed("matching"):
+        with timed("matching", run.seconds):
             seed, threads = run.settings.seed, front.threads
             graph = match_graph_of_database(path, seed=seed, threads=threads, progress=run.progress)
         return _scene_of(graph, run, masks, front, cache)
     from sfmcpp.sources.io.image_tracks import read_image_tracks
 
-    with run.timed("reading"):
+    with timed("reading", run.seconds):
         source = read_image_tracks(path)
     return _scene_of_tracks(from_corner(source), run, front.threads)
 
@@ -276,7 +266,7 @@ def _scene_of_photos(
     run.warnings += warnings_of_copies(copies, "of another size")
     if len(graph.photos) < len(found.photos):
         cameras = run.cameras_of(graph.photos)
-    with run.timed("mapping"):
+    with timed("mapping", run.seconds):
         graph, told = without_still_features(graph, _known_rows(cameras), front, run.progress)
         run.warnings += told
         graph = with_turned_cameras(graph, cameras)
@@ -288,7 +278,7 @@ def _scene_of_tracks(tracks: ImageTracks, run: _Run, threads: int | None) -> Sce
     if run.cameras.calibration is None:
         known = np.isfinite(tracks.centres).all(axis=1)
         cameras.intrinsics[cameras.of_image[known], 2:4] = tracks.centres[known]
-    with run.timed("matching"):
+    with timed("matching", run.seconds):
         graph = graph_of_tracks(
             tracks, _known_rows(cameras), seed=run.settings.seed, threads=threads, progress=run.progress
         )
@@ -326,7 +316,7 @@ def _place_and_settle(found: SfmRun, scene: Scene, run: _Run, *, needed: bool) -
     undone = "the model was georeferenced: it is as it was before, without positions"
     try:
         if scene.positions is not None and found.model is not None:
-            with run.timed("positions"):
+            with timed("positions", run.seconds):
                 _georeference(found, scene.positions, scene.cameras, run, needed=needed)
         undone = "focal lengths were judged: they are as they were before"
         _settle_focals(found, scene.cameras, run)

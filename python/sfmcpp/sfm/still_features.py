@@ -152,7 +152,7 @@ def _is_dropped(graph: MatchGraph, pair: Pair, still: Sequence[BoolArray]) -> Bo
 def _standing_pairs(
     graph: MatchGraph, still: Sequence[BoolArray], settings: FrontEndSettings
 ) -> dict[int, Pair]:
-    """Those in which most of the still features stand, with what stands alone, by their numbers."""
+    """Pairs by number in which most of the still features stand, with only the matches that stand."""
     found, shows = {}, [bool(some.any()) for some in still]
     for number, pair in enumerate(graph.pairs):
         if not (shows[pair.first] and shows[pair.second]):
@@ -164,7 +164,7 @@ def _standing_pairs(
 
 
 def _as_unmoved(graph: MatchGraph, pair: Pair, settings: FrontEndSettings) -> Pair:
-    """With the geometry of an image and itself: noise must not make a plane of it."""
+    """The pair with the geometry of an image and itself: noise must not make a plane of it."""
     image, itself = graph.features[pair.first], pair.matches[:, [0, 0]]
     return replace(pair, geometry=estimated_geometry(image, image, None, None, itself, settings))
 

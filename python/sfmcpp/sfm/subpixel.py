@@ -62,7 +62,7 @@ class PatchPlaces:
 
     @classmethod
     def of(cls, world: Map, local: LocalProblem, step_per_scale: float) -> PatchPlaces:
-        """Of the points of `local`; the distance of samples is a pixel at least."""
+        """Places in the images of the points of `local`; the distance of samples is a pixel at least."""
         problem = local.problem
         towards, reference = _reference_views(problem)
         slopes = surface_slopes(problem, surface_normals(problem.points, towards))
@@ -87,13 +87,13 @@ def _reference_views(problem: Problem) -> tuple[FloatArray, Numbers]:
 
 
 def determinants(matrices: FloatArray) -> FloatArray:
-    """Of (n, 2, 2)."""
+    """Determinants (n,) of matrices (n, 2, 2)."""
     (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
     return np.asarray(a * d - b * c)
 
 
 def inverses(matrices: FloatArray) -> FloatArray:
-    """Of (n, 2, 2); infinite or not a number where there is none."""
+    """Inverses of matrices (n, 2, 2); infinite or not a number where there is none."""
     (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.moveaxis(np.array([[d, -b], [-c, a]]) / determinants(matrices), -1, 0))
@@ -217,7 +217,7 @@ def _partial_progress(progress: Progress, part: int, parts: int) -> Progress:
 
 
 def _set_covariances(world: Map, local: LocalProblem, work: _Work, points: NDArray[np.integer]) -> None:
-    """Of keypoints that have moved, and of those that these refer to."""
+    """Set the covariances of keypoints that have moved, and of those that these refer to."""
     same = work.settings.sigma_px**2 * np.array([1.0, 0.0, 1.0])
     own = work.covariances[work.moved] if work.settings.covariances else 0.0
     world.keypoint_covariances[local.rows[work.moved]] = same + own

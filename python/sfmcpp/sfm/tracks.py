@@ -97,7 +97,7 @@ def _match_links(graph: MatchGraph, begin: Links) -> tuple[IndexArray, IndexArra
 
 
 def connected_parts(links: NDArray[np.integer], count: int) -> NDArray[np.int32]:
-    """The same number for those of `count` things that links (e, 2) connect, (count,)."""
+    """(count,) a number for each of `count` things, the same for those that links (e, 2) connect."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 

@@ -108,7 +108,7 @@ def _rotations_of_pinhole(graph: MatchGraph, pairs: Sequence[Pair], row: FloatAr
 
 
 def _rotations_of_lens(graph: MatchGraph, pairs: Sequence[Pair], row: FloatArray) -> list[Pair]:
-    """The same for a lens that distorts; pairs count by matches, as those of few have them in corners."""
+    """Pairs as rotations of a lens that distorts; pairs of few matches, which lie in corners, count less."""
     if len(pairs) < _FEWEST:
         return []
     matches = np.array([pair.num_verified for pair in pairs])

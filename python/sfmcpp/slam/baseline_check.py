@@ -14,7 +14,9 @@ import numpy as np
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import register_by_positions
+from sfmcpp.sensors.odometer import LEAST_STEP_M
 from sfmcpp.slam.motion_sensors import Gps, Ins, Odometer
+from sfmcpp.slam.registration import UP
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.stereo import metres_by_right_images
 from sfmcpp.slam.world_map import WorldMap
@@ -22,9 +24,8 @@ from sfmcpp.slam.world_map import WorldMap
 # Metres that differ by no more are the same. On KITTI's drives those of speeds and of right images differ by
 # 0.016 at most; with a baseline that is wrong by a tenth by 0.03 to 0.08, as the map gives way to both.
 _SAME = 0.03
-# Fewer steps, or shorter ones [m], tell no factor; nor do positions that leave the scale open by more.
-_FEWEST_STEPS, _LEAST_STEP_M, _OPEN_SCALE = 10, 0.05, 0.01
-_UP = (0.0, 0.0, 1.0)
+# Fewer steps tell no factor; nor do positions that leave the scale open by more.
+_FEWEST_STEPS, _OPEN_SCALE = 10, 0.01
 
 
 def warn_of_baseline(world: WorldMap | None, sensors: SensorSuite) -> list[str]:
@@ -74,7 +75,7 @@ def _by_distances(world: WorldMap, odometer: Odometer) -> float | None:
         start, end = before.pose, after.pose
         told = odometer.between(before.t_s, after.t_s, start[:, :3].T @ end[:, :3])
         step = float(np.linalg.norm(end[:, 3] - start[:, 3]))
-        if told is not None and min(told, step) > _LEAST_STEP_M:
+        if told is not None and min(told, step) > LEAST_STEP_M:
             ratios.append(told / step)
     return float(np.median(ratios)) if len(ratios) >= _FEWEST_STEPS else None
 
@@ -87,7 +88,7 @@ def _by_places(world: WorldMap, sensor: Gps | Ins) -> float | None:
         return None
     poses, places = (np.array(values) for values in zip(*known, strict=True))
     try:
-        found = register_by_positions(poses, places, len(places), _UP)
+        found = register_by_positions(poses, places, len(places), UP)
     except InvalidArgument:
         return None
     return found.similarity.scale if found.relative_sigma <= _OPEN_SCALE else None

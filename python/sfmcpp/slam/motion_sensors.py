@@ -108,7 +108,7 @@ class Odometer:
 
     @cached_property
     def carried_stretches(self) -> tuple[Gap, ...]:
-        """Those of them over which the speed is interpolated, as there is a sound one at their end."""
+        """Doubtful stretches over which the speed is interpolated, as there is a sound one at their end."""
         return () if self.stream.kind == "distance" else self._ended(self.doubtful_stretches)
 
     def _ended(self, stretches: tuple[Gap, ...]) -> tuple[Gap, ...]:
@@ -275,7 +275,7 @@ class Gps:
 
     @cached_property
     def reachable(self) -> SensorStream:
-        """Those that a vehicle can have reached from the others."""
+        """The measured positions that a vehicle can have reached from the others."""
         return without_leaps(self.measured, self.sigma_m)
 
     @cached_property

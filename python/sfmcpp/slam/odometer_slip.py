@@ -15,6 +15,7 @@ from sfmcpp.map import LocalProblem
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Slip, find_slip, is_easier_without
+from sfmcpp.sensors.odometer import LEAST_STEP_M
 from sfmcpp.sensors.slip import SLIP_MARGIN
 from sfmcpp.slam.fusion import constraint_groups
 from sfmcpp.slam.mapping import ROBUST_LOSS
@@ -35,8 +36,6 @@ _MOST_KEYFRAMES = 160
 # Standard deviation of a step by the odometer, as a share of it: so loose that only steps that images leave
 # open follow it.
 _OPEN_SHARE = 0.5
-# Shorter steps of the odometer determine no scale [m].
-_LEAST_STEP_M = 0.05
 # The loss is that of the final adjustment. Images are off by half a pixel, but for whole tracks: with the
 # standard deviation of a pixel for each, steps scatter about the odometers of 0001, 0027, 0036 and 0039 as
 # their covariance says.
@@ -106,9 +105,9 @@ def _slip_in(world: WorldMap, part: range, odometer: Odometer, sensors: SensorSu
     keyframes = [world.keyframes[k] for k in part]
     steps = [_measured(odometer, *pair, sensors) for pair in pairwise(keyframes)]
     lengths = np.array([np.nan if step is None else _length(step) for step in steps])
-    if np.count_nonzero(lengths > _LEAST_STEP_M) < 2:
+    if np.count_nonzero(lengths > LEAST_STEP_M) < 2:
         return None
-    lengths[~(lengths > _LEAST_STEP_M)] = np.nan
+    lengths[~(lengths > LEAST_STEP_M)] = np.nan
     try:
         ratios, covariance = _scale_of_images(world, part, lengths)
     except InvalidArgument:

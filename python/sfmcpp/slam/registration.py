@@ -37,7 +37,7 @@ _LOOK_BACK = 80
 # Rounds: with a lever arm, the centre of the camera depends on the rotation, and this on the centres.
 _ROUNDS = 3
 # In the sensors' world.
-_UP = np.array([0.0, 0.0, 1.0])
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def place_in_world(result: SlamResult, sensors: SensorSuite, settings: SlamSettings) -> None:
@@ -284,7 +284,7 @@ def _fit_by_positions(keyframes: Sequence[Keyframe], sensors: SensorSuite, fewes
         if len(pairs) < fewest:
             return None
         seen, centres = (np.stack(part) for part in zip(*pairs, strict=True))
-        registered = register_by_positions(seen, centres, len(pairs), up=_UP, up_in_camera=gps.up_in_camera)
+        registered = register_by_positions(seen, centres, len(pairs), up=UP, up_in_camera=gps.up_in_camera)
         if registered.relative_sigma > _RELATIVE_SIGMA:
             return None
         rotation = registered.similarity.rotation

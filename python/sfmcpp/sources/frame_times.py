@@ -133,7 +133,7 @@ def _even_times(fps: float, start_s: float = 0.0) -> TimeOf:
 
 
 def _times_of_frames(images: Frames, fps: float) -> TimeOf:
-    """As a video tells them, of those decoded; counted otherwise."""
+    """Times as a video tells them, of frames that are decoded; by their numbers otherwise."""
     counted = _even_times(fps)
     return lambda number: images.stamps[number] if number < len(images.stamps) else counted(number)
 

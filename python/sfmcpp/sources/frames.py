@@ -178,7 +178,7 @@ class TrackSequence(FrameSource):
         self.num_tracks = int(tracks.max()) + 1 if len(tracks) else 0
 
     def identity(self) -> dict[str, Any]:
-        """All that they see."""
+        """All that the frames see."""
         seen = {"times": self.t_s, "tracks": self._tracks, "begin": self._begin, "pixels": self._pixels}
         right = {} if self._right is None else {"right": vars(self._right)}
         return {"camera": self.intrinsics, **seen, **right}

@@ -274,7 +274,7 @@ def _with_same_times(left: Frames, right: Frames) -> dict[int, int]:
 
 
 def _with_same_numbers(left: Frames, right: Frames) -> dict[int, int]:
-    """By the last numbers in the names, if no two images of a folder have the same."""
+    """Right image of each left one by the last numbers in names; none where two of a folder have the same."""
     numbers, others = _last_numbers(left.names), _last_numbers(right.names)
     by_number = {number: k for k, number in enumerate(others)}
     if len(by_number) < len(others) or len(set(numbers)) < len(numbers):

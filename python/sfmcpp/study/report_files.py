@@ -14,8 +14,8 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.files import failures_named
 
-# Of a run, in its folder: the folder of its model, and what it did.
-MODEL, REPORT = "model", "report.json"
+# Of a run, in its folder: the folder of its model, what it did, its points and its page with a view of them.
+MODEL, REPORT, POINTS, VIEW = "model", "report.json", "points.ply", "view.html"
 UNFINISHED = "UNFINISHED"
 _UNFINISHED_TEXT = (
     "The files of a run are being written; if the run has ended, some are missing or from an earlier run.\n"

@@ -21,16 +21,15 @@ from sfmcpp.sources.io.ply import write_ply
 from sfmcpp.sources.io.transforms import folder_from, write_transforms
 from sfmcpp.study.pages.model_page import ModelScene, corners_at_distance_one, save_model_page
 from sfmcpp.study.pages.parts import save_page
-from sfmcpp.study.pages.sfm_page import VIEW, sfm_page
-from sfmcpp.study.report_files import MODEL, REPORT, Step, write_report, write_steps
+from sfmcpp.study.pages.sfm_page import sfm_page
+from sfmcpp.study.report_files import MODEL, POINTS, REPORT, VIEW, Step, write_report, write_steps
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_measures import ModelMeasures
     from sfmcpp.study.sfm_report import SfmReport
 
 _MODEL_FILES = (*text.FILES, *binary.FILES, ORIGIN)
-TIMINGS, PAGE = "timings.json", "report.html"
-TRANSFORMS, POINTS = "transforms.json", "points.ply"
+TIMINGS, PAGE, TRANSFORMS = "timings.json", "report.html", "transforms.json"
 FILES = (REPORT, TIMINGS, PAGE, VIEW, TRANSFORMS, POINTS)
 # Reading photos takes time, and pictures make pages large.
 MOST_THUMBNAILS = 1000

@@ -22,13 +22,13 @@ from sfmcpp.study.pages.scene_page import Scene, save_scene_page
 from sfmcpp.study.plotting import save_figure
 from sfmcpp.study.plotting.evaluations import plot_scale_ratio, plot_top_view
 from sfmcpp.study.plotting.weights import has_curves, plot_trade_off, plot_weights
-from sfmcpp.study.report_files import MODEL, REPORT, Step, write_report, write_steps
+from sfmcpp.study.report_files import MODEL, POINTS, REPORT, VIEW, Step, write_report, write_steps
 
 if TYPE_CHECKING:
     from sfmcpp.slam import SlamRun
     from sfmcpp.study.slam_report import SlamReport
 
-TRAJECTORY, KEYFRAMES, POINTS, VIEW = "trajectory.txt", "keyframes.txt", "points.ply", "view.html"
+TRAJECTORY, KEYFRAMES = "trajectory.txt", "keyframes.txt"
 TOP_VIEW, WEIGHTS, TRADE_OFF, SCALE = "trajectory.png", "weights.png", "trade_off.png", "scale.png"
 FILES = (TRAJECTORY, KEYFRAMES, POINTS, VIEW, REPORT, TOP_VIEW, WEIGHTS, TRADE_OFF, SCALE)
 # Counts that the page shows, by what it calls them.
@@ -96,7 +96,7 @@ def _write_model(problem: Problem, folder: Path) -> None:
 
 
 def _draw_top_view(report: SlamReport, trajectory: Trajectory, problem: Problem, path: Path) -> None:
-    """From above, in the frame of the first camera; of the first true one where there is a truth."""
+    """Draw the map from above, in the frame of the first camera, or of the first true one."""
     comparison = report.comparison
     if comparison is None:
         place, truth = _at_first_pose(trajectory), None

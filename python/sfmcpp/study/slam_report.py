@@ -53,12 +53,12 @@ class SlamReport(ReportTable):
 
     @cached_property
     def in_metres(self) -> Evaluation | None:
-        """Of a map in metres the same with its own scale; None of others, or if undetermined."""
+        """The comparison of a map in metres at its own scale; None of others, or if undetermined."""
         return self._evaluated(_OWN_SCALE)[1] if self.run.result.metric else None
 
     @cached_property
     def drift(self) -> Evaluation | None:
-        """The same aligned by its first tenth alone; None of a map in the world of a GPS or an INS."""
+        """The comparison aligned by the first tenth alone; None of a map in the world of a GPS or an INS."""
         return None if self.run.georeferenced else self._evaluated(_DRIFT)[1]
 
     @cached_property
@@ -77,7 +77,7 @@ class SlamReport(ReportTable):
         return self._evaluated(_ALIGNED)
 
     def _evaluated(self, ways: _Ways) -> tuple[str, Evaluation | None]:
-        """By the first of the ways that is determined, and what it is called."""
+        """The first of the ways that is determined: what it is called, and the comparison by it."""
         run = self.run
         if run.drive.truth is None or run.world is None:
             return "", None
@@ -235,5 +235,5 @@ def require_pictures(folder: Path) -> None:
 
 
 def _keyframe_facts(record: KeyframeRecord) -> dict[str, Any]:
-    """All but the curves that the weights were chosen from: a hundred numbers each."""
+    """All of a record but the curves that the weights were chosen from: a hundred numbers each."""
     return {f.name: getattr(record, f.name) for f in fields(record) if f.name != "selections"}

@@ -137,7 +137,7 @@ class FitStatistics:
 
     @cached_property
     def redundancy(self) -> Redundancy:
-        """Of the images and of each group."""
+        """Redundancy of the images and of each group."""
         used = np.array([self._used(k) for k in range(len(self.weights))])
         measured = np.array([self._fits.measurements(k) for k in range(len(used))])
         if self.too_large:

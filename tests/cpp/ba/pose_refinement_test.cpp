@@ -74,19 +74,7 @@ TEST_P(PoseFitWith, LeaveOneOutIsThatOfFullRefits) {
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(Kinds,
-                         PoseFitWith,
-                         testing::Values(Kind::kPose,
-                                         Kind::kPosition,
-                                         Kind::kOrientation,
-                                         Kind::kOrientationReprojections,
-                                         Kind::kDisplacementPose,
-                                         Kind::kDisplacementTranslation,
-                                         Kind::kDisplacementRotation,
-                                         Kind::kDisplacementRotationLog,
-                                         Kind::kScale,
-                                         Kind::kSmoothing,
-                                         Kind::kSmoothingReprojections));
+INSTANTIATE_TEST_SUITE_P(Kinds, PoseFitWith, testing::ValuesIn(support::kKindsOnPoses));
 
 }  // namespace
 }  // namespace sfmcpp::pose_refinement_test

@@ -29,18 +29,6 @@ using support::PoseNumbers;
 using Kind = residuals::ConstraintKind;
 using Setting = support::ConstraintSetting;
 
-constexpr std::array<Kind, 11> kKinds{Kind::kPose,
-                                      Kind::kPosition,
-                                      Kind::kOrientation,
-                                      Kind::kOrientationReprojections,
-                                      Kind::kDisplacementPose,
-                                      Kind::kDisplacementTranslation,
-                                      Kind::kDisplacementRotation,
-                                      Kind::kDisplacementRotationLog,
-                                      Kind::kScale,
-                                      Kind::kSmoothing,
-                                      Kind::kSmoothingReprojections};
-
 Vector2d image(const PoseConstraint& c, const Matrix4d& world_from_camera, int point) {
   Matrix3d k;
   const auto& [f, aspect, cx, cy, skew_px] = c.intrinsics;
@@ -188,7 +176,10 @@ std::string name_of(const testing::TestParamInfo<Kind>& tested) {
   return name;
 }
 
-INSTANTIATE_TEST_SUITE_P(Table, EveryConstraint, testing::ValuesIn(kKinds), name_of);
+INSTANTIATE_TEST_SUITE_P(Table,
+                         EveryConstraint,
+                         testing::ValuesIn(support::kKindsOnPoses),
+                         name_of);
 
 }  // namespace
 }  // namespace sfmcpp::pose_constraints_test

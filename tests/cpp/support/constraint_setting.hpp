@@ -18,6 +18,20 @@
 namespace sfmcpp::support {
 
 using PoseNumbers = std::array<double, 12>;
+
+constexpr std::array<residuals::ConstraintKind, 11> kKindsOnPoses{
+    residuals::ConstraintKind::kPose,
+    residuals::ConstraintKind::kPosition,
+    residuals::ConstraintKind::kOrientation,
+    residuals::ConstraintKind::kOrientationReprojections,
+    residuals::ConstraintKind::kDisplacementPose,
+    residuals::ConstraintKind::kDisplacementTranslation,
+    residuals::ConstraintKind::kDisplacementRotation,
+    residuals::ConstraintKind::kDisplacementRotationLog,
+    residuals::ConstraintKind::kScale,
+    residuals::ConstraintKind::kSmoothing,
+    residuals::ConstraintKind::kSmoothingReprojections};
+
 using RowMajor6 = Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>;
 
 inline Eigen::Matrix4d matrix_of(const PoseNumbers& pose) {

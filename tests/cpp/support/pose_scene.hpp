@@ -15,19 +15,13 @@
 #include "sfmcpp/cameras/pose.hpp"
 #include "sfmcpp/math/numeric_diff.hpp"
 #include "sfmcpp/math/so3.hpp"
+#include "support/constraint_setting.hpp"
 #include "support/whitening_factor.hpp"
 
 namespace sfmcpp::support {
 
 using ConstraintKind = residuals::ConstraintKind;
-using Pose = std::array<double, 12>;
-
-inline Pose pose_of(const Eigen::Matrix3d& rotation, const Eigen::Vector3d& centre) {
-  Pose pose;
-  Eigen::Map<PoseMatrix> m(pose.data());
-  m << rotation, centre;
-  return pose;
-}
+using Pose = PoseNumbers;
 
 // Points 4 to 20 m before a camera, seen with noise; a sensor that is off by some centimetres and
 // hundredths of a radian.

@@ -1,9 +1,13 @@
-"""An independent projection in plain NumPy, the reference for the core."""
+"""An independent projection in plain NumPy, and minima by SciPy: the references for the core."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 
 from sfmcpp import Problem
 
@@ -30,3 +34,18 @@ def reference_residuals(problem: Problem) -> NDArray[np.float64]:
     v = k["f"] * k["aspect"] * y + k["cy"]
     residuals = problem.pixels - np.stack([u, v], axis=1)
     return residuals if problem.sigma_px is None else residuals / problem.sigma_px[:, None]
+
+
+def minimum_by_scipy(start: Problem, residuals: Callable[[Problem], NDArray[np.float64]]) -> float:
+    """The least half sum of squares of residuals of a problem, by its poses and points."""
+
+    def residuals_at(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        moved = start.copy()
+        steps = x[: 6 * start.num_cameras].reshape(-1, 6)
+        moved.rotations[:] = start.rotations @ Rotation.from_rotvec(steps[:, :3]).as_matrix()
+        moved.centres[:] = start.centres + steps[:, 3:]
+        moved.points[:] = start.points + x[6 * start.num_cameras :].reshape(-1, 3)
+        return residuals(moved).ravel()
+
+    unknowns = 6 * start.num_cameras + 3 * start.num_points
+    return float(least_squares(residuals_at, np.zeros(unknowns), x_scale="jac", ftol=1e-12).cost)

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import sfmcpp
-from projection import reference_residuals
+from projection import minimum_by_scipy, reference_residuals
 from sfmcpp import ConstraintGroup, InvalidArgument, Problem
 from sfmcpp.ba import LINE_SEARCHES, METHODS
 
@@ -68,22 +67,9 @@ def test_residuals_are_those_of_an_independent_projection_whitened(model: str) -
     assert sfmcpp.cost(problem) == pytest.approx(0.5 * np.sum(whitened_residuals(problem) ** 2), rel=1e-12)
 
 
-def minimum_by_scipy(start: Problem) -> float:
-    def residuals_at(x: Array) -> Array:
-        moved = start.copy()
-        steps = x[: 6 * start.num_cameras].reshape(-1, 6)
-        moved.rotations[:] = start.rotations @ Rotation.from_rotvec(steps[:, :3]).as_matrix()
-        moved.centres[:] = start.centres + steps[:, 3:]
-        moved.points[:] = start.points + x[6 * start.num_cameras :].reshape(-1, 3)
-        return whitened_residuals(moved).ravel()
-
-    unknowns = 6 * start.num_cameras + 3 * start.num_points
-    return float(least_squares(residuals_at, np.zeros(unknowns), x_scale="jac", ftol=1e-12).cost)
-
-
 def test_the_minimum_is_that_of_scipy_for_every_method_and_line_search() -> None:
     start = scene(cameras=4, points=15)
-    expected = minimum_by_scipy(start)
+    expected = minimum_by_scipy(start, whitened_residuals)
     for method in METHODS:
         fast = method not in ("gradient-descent", "conjugate-gradient", "alternation")
         for search in LINE_SEARCHES:

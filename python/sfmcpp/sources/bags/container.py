@@ -23,9 +23,9 @@ from sfmcpp.sources.io.files import (
     expands_too_far,
     failures_named,
     is_folder,
-    is_present,
     is_regular_file,
     largest_expansion,
+    require_present,
     require_regular_file,
 )
 from sfmcpp.sources.io.sqlite_tables import quote_path, read_only_uri, require_stored
@@ -190,8 +190,7 @@ def _reader_of(path: Path) -> Callable[[Path], Any]:
     except ImportError as error:
         raise DatasetError(path, f"bags need {error.name}: pip install 'sfmcpp[ros]'") from None
     with failures_named(path):
-        if not is_present(path):
-            raise DatasetError(path, "no such file or directory")
+        require_present(path)
     if not is_bag(path):
         rule = f"must be a .bag, .db3 or .mcap file, or a folder of ROS 2 with {_METADATA}"
         raise DatasetError(path, f"is no bag: {rule}")
@@ -305,7 +304,7 @@ class _PlainYaml:
         import yaml
 
         class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-            """Without numbers to the base of 60, which take the square of their length."""
+            """Loads YAML without numbers to the base of 60, which take the square of their length."""
 
         for kind in (int, float):
             Loader.add_constructor(f"tag:yaml.org,2002:{kind.__name__}", _scalar_to(kind))

@@ -51,7 +51,7 @@ _BODY = ("odometer", "gps", "imu")
 _ROUNDED_NS = 1000
 _CHECKED_EVERY = 64
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[int, int], object]
 
 
 @dataclass(frozen=True)

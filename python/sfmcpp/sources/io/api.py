@@ -34,7 +34,13 @@ from sfmcpp.sources.io import (
 from sfmcpp.sources.io.checks import require_magnitudes, require_valid
 from sfmcpp.sources.io.colmap.database import is_database
 from sfmcpp.sources.io.colmap.fisheye import is_fisheye
-from sfmcpp.sources.io.files import COMPRESSED_SUFFIXES, failures_named, is_present, is_regular_file
+from sfmcpp.sources.io.files import (
+    COMPRESSED_SUFFIXES,
+    failures_named,
+    is_present,
+    is_regular_file,
+    require_present,
+)
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.shares import Share, part_of_share
 
@@ -255,8 +261,7 @@ def formats() -> tuple[Format, ...]:
 
 def _format_of_existing(source: Path, format: str | None = None) -> Format:
     """The format of a file that is there."""
-    if not is_present(source):
-        raise DatasetError(source, "no such file or directory")
+    require_present(source)
     return format_of(source) if format is None else named_format(format)
 
 

@@ -193,7 +193,7 @@ class CheckpointFolder:
         return replace(newest, remark=remark)
 
     def sequences(self) -> set[int]:
-        """Of the checkpoints that are whole."""
+        """Sequence numbers of the checkpoints that are whole."""
         found = set()
         for name in _NAMES:
             with suppress(DatasetError):
@@ -212,7 +212,7 @@ class CheckpointFolder:
             return not self._files() and not any(any(self.path.glob(f"{_RANK}*/{name}")) for name in _NAMES)
 
     def _files(self) -> list[tuple[int, Path]]:
-        """Those of its two files that are there, with their numbers."""
+        """The files of this folder that are there, of two, with their numbers."""
         with failures_named(self.path):
             named = enumerate(self.path / name for name in _NAMES)
             return [(number, path) for number, path in named if is_present(path)]
@@ -230,7 +230,7 @@ class CheckpointFolder:
 
 @dataclass(frozen=True)
 class _Slot:
-    """One of the two files, and the how manieth of the run's checkpoints is in it."""
+    """One of the two files, and the number of the checkpoint in it, counted from the start of the run."""
 
     number: int
     sequence: int

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import failures_named, is_present, read_bytes
+from sfmcpp.sources.io.files import failures_named, read_bytes, require_present
 from sfmcpp.sources.io.number_text import number_of
 
 # The foot of 1959; maps of the United States may be in feet of their survey, which differ by 4 m in 2,000 km.
@@ -59,8 +59,7 @@ def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
         If the file cannot be read, or is no such text.
     """
     with failures_named(path):
-        if not is_present(path):
-            raise DatasetError(path, "no such file or directory")
+        require_present(path)
         try:
             text = read_bytes(path).decode("utf-8-sig")
         except UnicodeDecodeError as error:

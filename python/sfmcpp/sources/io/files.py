@@ -166,11 +166,17 @@ def largest_content(path: Path) -> int:
 
 
 def is_present(path: Path) -> bool:
-    """Whether there is something. An OSError if that is not told, as in a closed folder; so the next two.
+    """Whether there is something. An OSError if that is not told, as in a closed folder; so the next ones.
 
     Path.exists and the like have given False there since Python 3.14: what is closed would be missing.
     """
     return _mode(path) is not None
+
+
+def require_present(path: Path) -> None:
+    """Raise a DatasetError where there is nothing; OSErrors as :func:`is_present`."""
+    if not is_present(path):
+        raise DatasetError(path, "no such file or directory")
 
 
 def is_folder(path: Path) -> bool:

@@ -26,8 +26,8 @@ from sfmcpp.sources.io.files import (
     COMPRESSED_SUFFIXES,
     failures_named,
     is_folder,
-    is_present,
     read_text_bytes,
+    require_present,
 )
 from sfmcpp.sources.io.mat_files import mat_variables, number_array, require_finite
 from sfmcpp.sources.io.number_text import NumberText, TokenSet
@@ -69,8 +69,7 @@ def read_image_tracks(path: str | PathLike[str]) -> ImageTracks:
     """
     source = Path(path)
     with failures_named(source):
-        if not is_present(source):
-            raise DatasetError(source, "no such file or directory")
+        require_present(source)
         tracks = _reader(source)(source)
     if not len(tracks):
         raise DatasetError(source, "holds no observations of tracks")

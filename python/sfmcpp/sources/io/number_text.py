@@ -191,7 +191,7 @@ class OwnNumbers:
     following: FloatArray
 
     def rows(self, begin: int, count: int, width: int) -> tuple[int, FloatArray]:
-        """Of `count` rows from number `begin` of the file on, the first that begins here, and all that do."""
+        """The first that begins here of `count` rows from number `begin` of the file on, and all that do."""
         ends = np.array([self.before, self.before + len(self.values)])
         first, last = np.clip(-((begin - ends) // width), 0, count)
         start, wanted = begin + width * first - self.before, width * (last - first)

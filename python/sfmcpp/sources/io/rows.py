@@ -148,7 +148,7 @@ def all_keypoints(problem: Problem) -> tuple[NDArray[np.int64], FloatArray, NDAr
 
 
 def _with_more(rows: NDArray[Any], more: NDArray[Any]) -> NDArray[Any]:
-    """Both in one array, which is no copy where there are no more."""
+    """Rows and more rows in one array, which is no copy where there are no more."""
     return np.concatenate([rows, more]) if len(more) else rows
 
 

@@ -30,7 +30,12 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.sources.io.atomic import atomic_files
 from sfmcpp.sources.io.checks import LARGEST_COUNT, first_duplicate
-from sfmcpp.sources.io.files import compressed_writer, failures_named, is_present, read_text_bytes
+from sfmcpp.sources.io.files import (
+    compressed_writer,
+    failures_named,
+    read_text_bytes,
+    require_present,
+)
 from sfmcpp.sources.io.number_text import NumberText, number_of
 from sfmcpp.sources.io.rows import format_rows
 
@@ -90,8 +95,7 @@ def read_tracks(path: str | PathLike[str]) -> CameraTracks:
     """
     source = Path(path)
     with failures_named(source):
-        if not is_present(source):
-            raise DatasetError(source, "no such file or directory")
+        require_present(source)
         data = read_text_bytes(source)
     intrinsics = _intrinsics(source, data)
     data = _without_column_names(source, data)

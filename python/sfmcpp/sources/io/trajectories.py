@@ -21,8 +21,8 @@ from sfmcpp.sources.io.files import (
     COMPRESSED_SUFFIXES,
     compressed_writer,
     failures_named,
-    is_present,
     read_text_bytes,
+    require_present,
 )
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from sfmcpp.sources.io.number_text import NumberText
@@ -67,8 +67,7 @@ def read_trajectory(path: str | PathLike[str], *, format: str | None = None) -> 
     if format is not None:
         require_one_of("format", format, TRAJECTORY_FORMATS)
     with failures_named(source):
-        if not is_present(source):
-            raise DatasetError(source, "no such file or directory")
+        require_present(source)
         return _reader(source, format)(source)
 
 

@@ -61,7 +61,7 @@ class Views:
 
     @staticmethod
     def joined(parts: Sequence[Views]) -> Views:
-        """All of them, in order."""
+        """The views of all parts, in order."""
         columns = zip(*((part.camera_index, part.point_index, part.pixels) for part in parts), strict=True)
         return Views(*map(np.concatenate, columns))
 

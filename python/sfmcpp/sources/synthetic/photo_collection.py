@@ -241,7 +241,7 @@ def _visible_pairs(
     camera: NDArray[np.intp],
     point: NDArray[np.intp],
 ) -> Views:
-    """Those pairs whose point faces the camera and falls into its image."""
+    """Pairs of a camera and a point that faces it and falls into its image."""
     way = points[point] - photos[camera, :, 3]
     x, y, depth = np.einsum("mi,mij->jm", way, photos[camera, :, :3])
     ahead = np.flatnonzero((depth > 0) & (np.einsum("mi,mi->m", way, facing[point]) < 0))

@@ -107,7 +107,7 @@ def _equal_strips(length: int) -> list[_Strip]:
 def _fine_blobs(
     cv2: ModuleType, gray: GreyImage, rows: _Strip, columns: _Strip, settings: _Settings
 ) -> Keypoints:
-    """Those of the two finest octaves in the core of a tile."""
+    """Blobs of the two finest octaves in the core of a tile."""
     tile = np.ascontiguousarray(gray[rows.seen, columns.seen])
     keypoints, descriptors = _sift(cv2, settings).detectAndCompute(tile, None)
     found = columns_of(keypoints, descriptors)
@@ -122,7 +122,7 @@ def _fine_blobs(
 
 
 def _coarse_blobs(cv2: ModuleType, gray: GreyImage, settings: _Settings) -> Keypoints:
-    """Those of all other octaves, in every fourth pixel of the image, blurred as much as that asks for."""
+    """Blobs of all other octaves, in every fourth pixel of the image, blurred as much as that asks for."""
     blur = math.sqrt((_COARSE_STEP * _CAMERA_BLUR_PX) ** 2 - _CAMERA_BLUR_PX**2)
     small = np.ascontiguousarray(cv2.GaussianBlur(gray, (0, 0), blur)[::_COARSE_STEP, ::_COARSE_STEP])
     keypoints, descriptors = _sift(cv2, settings).detectAndCompute(small, None)
@@ -182,7 +182,7 @@ def _subpixel_corners(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float
 
 
 def _corner_orientations(cv2: ModuleType, gray: GreyImage, pixels: NDArray[np.float32]) -> FloatArray:
-    """Of the mean gradient around each of (n, 2), from x towards y [rad], from 0 to 2π."""
+    """Directions (n,) of the mean gradient around pixels (n, 2), from x towards y [rad], from 0 to 2π."""
     columns, rows = np.rint(pixels).astype(np.int64).T
     slopes = [
         cv2.GaussianBlur(cv2.Sobel(gray, cv2.CV_32F, *order), (0, 0), _ORIENTATION_BLUR_PX)[rows, columns]

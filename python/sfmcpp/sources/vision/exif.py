@@ -95,7 +95,7 @@ def _focal_from_film(exif: Tags, size: tuple[int, int]) -> float | None:
 
 
 def _focal_from_plane(exif: Tags, size: tuple[int, int]) -> float | None:
-    """By the pixels per length on the sensor, counted at the size at which the camera stored the image."""
+    """Focal length by the pixels per length on the sensor, at the size in which the camera stored it."""
     focal_mm = _positive(exif.get(_FOCAL_MM))
     unit = _MM_PER_PLANE_UNIT.get(exif.get(_PLANE_UNIT, 2))
     resolution = next((r for tag in _PLANE_RESOLUTION if (r := _positive(exif.get(tag)))), None)
@@ -125,7 +125,7 @@ def _position(gps: Tags) -> tuple[float, float, float] | None:
 
 
 def _xmp_packet(image: Any) -> bytes:
-    """As it is in the file: Pillow's parser would need a further package."""
+    """XMP as it is in the file: Pillow's parser would need a further package."""
     packet = image.info.get("xmp", b"")  # of JPEG from Pillow 11 on
     segments = [data for _, data in getattr(image, "applist", ()) if data.startswith(_XMP_SEGMENT)]
     return packet if isinstance(packet, bytes) and packet else b"".join(segments)
@@ -165,7 +165,7 @@ def _degrees(parts: Any, reference: Any, signs: tuple[str, str], limit: float) -
 
 
 def _taken_s(exif: Tags) -> float | None:
-    """By the camera's clock; time zones are left out, as some cameras of a set might not tell theirs."""
+    """Time by the camera's clock; zones are left out, as some cameras of a set might not tell theirs."""
     for tag, fraction_tag in _TIMES:
         when = _WHEN.match(_text(exif.get(tag)))
         if when is None:
@@ -180,7 +180,7 @@ def _taken_s(exif: Tags) -> float | None:
 
 
 def _text(value: Any) -> str:
-    """Without the zeros and blanks that fill it up."""
+    """Text without the zeros and blanks that fill it up."""
     if isinstance(value, bytes):
         value = value.decode("latin-1")
     return value.split("\0")[0].strip() if isinstance(value, str) else ""

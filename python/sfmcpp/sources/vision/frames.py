@@ -17,16 +17,21 @@ from numpy.typing import NDArray
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.photos import natural_order
-from sfmcpp.sources.io.files import failures_named, is_folder, is_present, require_regular_file
+from sfmcpp.sources.io.files import (
+    failures_named,
+    is_folder,
+    require_present,
+    require_regular_file,
+)
 from sfmcpp.sources.vision.images import (
     RAW_VIDEOS,
     GreyImage,
+    bytes_of_picture,
     eight_bits,
     is_picture,
     load_cv2,
     open_image,
     require_few_pixels,
-    unreadable,
     where_images_are,
     white_level,
 )
@@ -124,8 +129,7 @@ def open_frames(path: str | PathLike[str]) -> Frames:
     except ModuleNotFoundError as error:
         raise DatasetError(source, str(error)) from None
     with failures_named(source):
-        if not is_present(source):
-            raise DatasetError(source, "no such file or directory")
+        require_present(source)
         return _Folder(source, cv2) if is_folder(source) else _Video(source, cv2)
 
 
@@ -178,10 +182,7 @@ class _Folder(Frames):
         return image if image.dtype == np.uint8 else self._eight_bits(image)
 
     def _decoded(self, file: Path) -> NDArray[Any]:
-        try:
-            content = file.read_bytes()
-        except OSError as error:
-            raise unreadable(file, error) from error
+        content = bytes_of_picture(file)
         _require_few_pixels(file, content)
         data = np.frombuffer(content, np.uint8)
         cv2 = self._cv2
@@ -195,7 +196,7 @@ class _Folder(Frames):
         return np.asarray(image)
 
     def _eight_bits(self, deep: NDArray[Any]) -> GreyImage:
-        """With one white for all: points are followed by their brightness."""
+        """An image in 8 bits, with one white for all: points are followed by their brightness."""
         if self._white is None:
             self._white = max(white_level(deep), self._white_of_others(deep.dtype))
         return eight_bits(deep, self._white)

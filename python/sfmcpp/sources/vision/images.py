@@ -24,6 +24,7 @@ from sfmcpp.sources.io.files import (
     is_present,
     is_regular_file,
     largest_image,
+    require_present,
 )
 
 GreyImage = NDArray[np.uint8]
@@ -141,8 +142,7 @@ def holds_photos(path: Path) -> bool:
         If there is no such path, or it cannot be read.
     """
     with failures_named(path):
-        if not is_present(path):
-            raise DatasetError(path, "no such file or directory")
+        require_present(path)
         if not is_folder(path) or any(
             is_present(path / n) for n in ("images.bin", "images.txt", "Image1.mat")
         ):
@@ -226,6 +226,14 @@ def _has_picture(folder: Path) -> bool:
     with suppress(OSError):
         return any(map(is_picture, folder.iterdir()))
     return False
+
+
+def bytes_of_picture(file: Path) -> bytes:
+    """Read a file; an error of the operating system is a DatasetError."""
+    try:
+        return file.read_bytes()
+    except OSError as error:
+        raise unreadable(file, error) from error
 
 
 def unreadable(path: Path, error: OSError) -> DatasetError:

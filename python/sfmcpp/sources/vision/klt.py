@@ -190,7 +190,7 @@ class _Tracker:
         return View(self.last.tracks, self.last.corners.astype(np.float64))
 
     def _with_lost(self, seen: _Seen) -> _Seen:
-        """With the corners that an image before has lost, if this one shows them again."""
+        """What is seen, with the corners that an image before has lost, if this one shows them again."""
         if self.lost is None:
             return seen
         again = self._followed(self.lost, seen.image)
@@ -207,7 +207,7 @@ class _Tracker:
             self.lost, self.spoilt = before.only(~np.isin(before.tracks, seen.tracks)), 0
 
     def _followed(self, before: _Seen, image: GreyImage) -> _Seen:
-        """Those of the corners before that are followed into an image."""
+        """The corners of the image before that are followed into this one."""
         if not len(before.corners):
             return _Seen(image, before.corners, before.tracks)
         moved, good = self.moved(before, image)
@@ -264,7 +264,7 @@ class _Tracker:
         return self.settings.window_px // 2
 
     def _inside(self, corners: Corners) -> BoolArray:
-        """Those whose square lies in the image, and that are not masked."""
+        """Whether the square of each corner lies in the image and it is not masked."""
         height, width = self.shape
         last = np.array([width, height]) - 1 - self._border_px
         inside = np.asarray(((corners >= self._border_px) & (corners <= last)).all(axis=1))
@@ -272,14 +272,14 @@ class _Tracker:
         return inside
 
     def _filled(self, seen: _Seen) -> _Seen:
-        """With new corners, where cells lack some."""
+        """What is seen, with new corners where cells lack some."""
         corners = self._new_corners(seen)
         numbers = np.arange(self.next_track, self.next_track + len(corners), dtype=np.int32)
         self.next_track += len(corners)
         return _joined(seen, _Seen(seen.image, corners, numbers))
 
     def _new_corners(self, seen: _Seen) -> Corners:
-        """The strongest where cells lack some."""
+        """The strongest corners where cells lack some."""
         wanted = self.settings.per_cell - self._cell_counts(seen.corners)
         mask = self._free_pixels(seen.corners)
         if not (wanted > 0).any() or not mask.any():
@@ -330,7 +330,7 @@ def _rows_and_columns(corners: Corners) -> tuple[NDArray[np.int64], NDArray[np.i
 
 
 def _joined(some: _Seen, others: _Seen) -> _Seen:
-    """Both, by their tracks."""
+    """What is seen of both, in the order of the tracks."""
     tracks = np.concatenate([some.tracks, others.tracks])
     order = np.argsort(tracks)
     return _Seen(some.image, np.concatenate([some.corners, others.corners])[order], tracks[order])

@@ -195,7 +195,7 @@ def _is_sequence(photos: Sequence[Photo]) -> bool:
 
 
 def _counting_step(first: _Words, second: _Words) -> int:
-    """By how much the last number counts up if all else is equal; else 0."""
+    """By how much the last number of a name counts up if all else is equal; else 0."""
     last = max((k for k, (_, text) in enumerate(second) if not text), default=-1)
     if last < 0 or len(first) != len(second):
         return 0

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.vision.images import (
+    bytes_of_picture,
     eight_bits,
     load_cv2,
     load_pillow,
     open_image,
-    unreadable,
     white_level,
 )
 
@@ -32,10 +32,7 @@ _MOST_OF_16_BITS = 65535
 
 def bytes_of(file: Path) -> bytes:
     """Content of a file; a DatasetError if it cannot be read, or is empty."""
-    try:
-        data = file.read_bytes()
-    except OSError as error:
-        raise unreadable(file, error) from error
+    data = bytes_of_picture(file)
     if not data:
         raise DatasetError(file, "the file is empty")
     return data

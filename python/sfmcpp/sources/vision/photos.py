@@ -17,7 +17,7 @@ from sfmcpp.model.checks import require_count
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.checks import fault_of_image_name
-from sfmcpp.sources.io.files import failures_named, is_folder, is_present, is_regular_file
+from sfmcpp.sources.io.files import failures_named, is_folder, is_regular_file, require_present
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
@@ -277,8 +277,9 @@ def _require_folder(path: Path | None) -> None:
     if path is None:
         return
     with failures_named(path):
+        require_present(path)
         if not is_folder(path):
-            raise DatasetError(path, "is no folder" if is_present(path) else "no such file or directory")
+            raise DatasetError(path, "is no folder")
 
 
 def _opened_photo(name: str, file: Path) -> Photo:

@@ -12,11 +12,11 @@ from sfmcpp.study.pages.charts import top_view
 from sfmcpp.study.pages.parts import data_uri, filled, png_bytes
 from sfmcpp.study.pages.sfm_sections import cameras, errors, gps, images, matches, section, settings_section
 from sfmcpp.study.pages.viewpoint import turn_upright
+from sfmcpp.study.report_files import VIEW
 
 if TYPE_CHECKING:
     from sfmcpp.study.sfm_report import SfmReport
 
-VIEW = "view.html"
 _MOST_LEFT_OUT_ON_TOP = 6
 
 

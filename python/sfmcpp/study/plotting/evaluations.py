@@ -212,7 +212,7 @@ def _ratios(pairs: Matched) -> tuple[FloatArray, FloatArray]:
 
 
 def _limits(ratios: FloatArray) -> tuple[float, float]:
-    """From a little below the least to a little above the largest, 1 inside."""
+    """Limits of an axis, from a little below the least ratio to a little above the largest, 1 inside."""
     low = min(1 - _LEAST_DEVIATION, float(ratios.min(initial=1.0)))
     high = max(1 + _LEAST_DEVIATION, float(ratios.max(initial=1.0)))
     room = 0.05 * (high - low)

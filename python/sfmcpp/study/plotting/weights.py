@@ -152,7 +152,7 @@ def _of_sensor(records: Sequence[KeyframeRecord], name: str, start_s: float) -> 
 
 
 def _evenly_chosen(chosen: Sequence[Chosen]) -> list[Chosen]:
-    """At most `SHOWN`, from the first to the last."""
+    """At most `SHOWN` of them, evenly from the first to the last."""
     rows = np.unique(np.linspace(0, len(chosen) - 1, SHOWN).round().astype(int))
     return [chosen[row] for row in rows]
 
@@ -192,7 +192,7 @@ def _finite_scores(score: FloatArray) -> FloatArray:
 
 
 def _scaled_scores(score: FloatArray) -> FloatArray:
-    """From 0 to 1; gaps where the criterion may not choose."""
+    """Scores from 0 to 1; gaps where the criterion may not choose."""
     low, high = np.min(_finite_scores(score)), np.max(_finite_scores(score))
     return np.where(np.isfinite(score), (score - low) / (high - low), np.nan)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+import sfmcpp
 from sfmcpp import Problem, Rigs
 
 # One option each, with the others as they are.
@@ -27,3 +28,12 @@ def rigs_of(problem: Problem) -> Rigs:
 
 def is_rigid(problem: Problem) -> bool:
     return bool(np.abs(problem.cameras - rigs_of(problem).rigid(problem.cameras)).max() < 1e-12)
+
+
+def costs_of_a_step(start: Problem) -> tuple[float, float]:
+    """Costs after a step of plain Gauss-Newton from near the minimum, straight and bent."""
+    straight, bent = (
+        sfmcpp.solve(start.copy(), initial_damping=1e-12, acceleration=name, max_iterations=1).final_cost
+        for name in ("none", "geodesic")
+    )
+    return straight, bent

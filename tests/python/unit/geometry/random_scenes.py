@@ -107,3 +107,14 @@ def residuals_of(views: list[tuple[Array, Array]], point: Array) -> Array:
     """Reprojection residuals [px] of one point, one after the other."""
     images = [matrix @ np.append(point, 1.0) for matrix, _ in views]
     return np.concatenate([h[:2] / h[2] - pixel for h, (_, pixel) in zip(images, views, strict=True)])
+
+
+def angle_between(one: Array, other: Array) -> float:
+    """Angle [rad] between two rotation matrices."""
+    return float((Rotation.from_matrix(one).inv() * Rotation.from_matrix(other)).magnitude())
+
+
+def random_poses(rng: np.random.Generator, count: int, spread_m: float = 5.0) -> Array:
+    """Poses (count, 3, 4) anywhere within a few metres."""
+    rotations = Rotation.random(count, rng=rng).as_matrix()
+    return np.concatenate([rotations, rng.normal(0, spread_m, (count, 3, 1))], axis=2)

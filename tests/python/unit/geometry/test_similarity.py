@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import sfmcpp
-from random_scenes import Array
+from random_scenes import Array, angle_between, random_poses
 from sfmcpp import InvalidArgument
 from sfmcpp.geometry import Similarity, fit_pose_similarity, fit_similarity
 
@@ -19,15 +19,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 def random_rotation(rng: np.random.Generator) -> Array:
     return Rotation.from_rotvec(rng.uniform(-1.8, 1.8, 3)).as_matrix()
-
-
-def angle_between(one: Array, other: Array) -> float:
-    return float((Rotation.from_matrix(one).inv() * Rotation.from_matrix(other)).magnitude())
-
-
-def random_poses(rng: np.random.Generator, count: int, spread_m: float = 5.0) -> Array:
-    rotations = Rotation.random(count, rng=rng).as_matrix()
-    return np.concatenate([rotations, rng.normal(0, spread_m, (count, 3, 1))], axis=2)
 
 
 @settings(max_examples=50, deadline=None)

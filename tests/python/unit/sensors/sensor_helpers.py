@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sfmcpp.sensors import SensorStream
+from sfmcpp.sensors import Mounting, SensorStream
+
+# About no axis of the camera.
+MOUNTING = Mounting(Rotation.from_euler("xyz", [0.5, -1.2, 0.8]).as_matrix(), np.zeros(3))
 
 
 def rate_at(t_s: np.ndarray) -> np.ndarray:
@@ -27,14 +30,3 @@ def gyro(rate_hz: float = 100.0, seconds: float = 4.0, **options: float) -> Sens
     """A gyroscope on that body."""
     t_s = np.arange(0.0, seconds + 1e-9, 1 / rate_hz)
     return SensorStream(t_s, rate_at(t_s), "angular_rate", "gyro", **options)
-
-
-def angle_between(one: np.ndarray, other: np.ndarray) -> float:
-    """Angle [rad] between two rotation matrices."""
-    return float((Rotation.from_matrix(one).inv() * Rotation.from_matrix(other)).magnitude())
-
-
-def random_poses(rng: np.random.Generator, count: int, spread_m: float = 5.0) -> np.ndarray:
-    """Poses (count, 3, 4) anywhere within a few metres."""
-    rotations = Rotation.random(count, rng=rng).as_matrix()
-    return np.concatenate([rotations, rng.normal(0, spread_m, (count, 3, 1))], axis=2)

@@ -20,6 +20,13 @@ def stream_of(t_s: np.ndarray, values: np.ndarray, kind: str = "speed") -> Senso
     return SensorStream(t_s, values, kind)
 
 
+def odometer(t_s: np.ndarray, speeds_m_s: np.ndarray, kind: str) -> SensorStream:
+    """What shows these speeds: as they are, as velocities in one direction, or as the way since the start."""
+    along = speeds_m_s[:, None] * np.array([0.6, 0.8, 0.0])
+    ways = np.cumsum((t_s[1] - t_s[0]) * speeds_m_s)
+    return stream_of(t_s, {"speed": speeds_m_s, "velocity": along, "distance": ways}[kind], kind)
+
+
 @pytest.mark.parametrize(("rate_hz", "sigma"), [(10, 0.0), (10, 0.1), (100, 0.0), (100, 0.3)])
 def test_a_correct_drive_is_not_doubted(rate_hz: int, sigma: float) -> None:
     t_s = np.arange(0, 60, 1 / rate_hz)
@@ -106,9 +113,7 @@ def test_a_factor_that_comes_and_goes_is_doubted_while_it_lasts(factor: float, k
     t_s = np.arange(0, 60, 0.1)
     faulty = (t_s >= 20) & (t_s < 30)
     wrong = speeds(t_s) * np.where(faulty, factor, 1.0)
-    along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
-    values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * wrong)}
-    (found,) = doubtful_stretches(stream_of(t_s, values[kind], kind))
+    (found,) = doubtful_stretches(odometer(t_s, wrong, kind))
     assert found.start_s == pytest.approx(20, abs=0.25)
     assert found.end_s == pytest.approx(30, abs=0.25)
 
@@ -137,9 +142,9 @@ def test_a_spike_in_the_first_sample_is_as_any_other(later: list[int], kind: str
     t_s = np.arange(0, 60, 0.1)
     wrong = speeds(t_s)
     wrong[[0, *later]] = 60.0
-    along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
-    values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * np.append(0.0, wrong))[:-1]}
-    stream = stream_of(t_s, values[kind], kind)
+    stream = odometer(t_s, wrong, kind)
+    if kind == "distance":  # the way from the first sample on has its spike
+        stream = stream_of(t_s, np.append(0.0, stream.values[:-1]), kind)
     found = doubtful_stretches(stream)
     assert [gap.end_s for gap in found] == pytest.approx(
         [t_s[k] for k in [1, *[k + 1 for k in later]]], abs=0.11
@@ -163,9 +168,7 @@ def test_a_wheel_that_blocks_is_doubted_until_it_turns_again(noise_m_s: float, k
     blocked = (t_s >= 20) & (t_s < 23)
     noise = noise_m_s * np.random.default_rng(0).normal(size=len(t_s))
     wrong = np.abs(np.where(blocked, 0.0, speeds(t_s)) + noise)
-    along = wrong[:, None] * np.array([0.6, 0.8, 0.0])
-    values = {"speed": wrong, "velocity": along, "distance": np.cumsum(0.1 * wrong)}
-    (found,) = doubtful_stretches(stream_of(t_s, values[kind], kind))
+    (found,) = doubtful_stretches(odometer(t_s, wrong, kind))
     assert found.start_s == pytest.approx(20, abs=0.25)
     assert found.end_s == pytest.approx(23, abs=0.25)
 
@@ -197,9 +200,7 @@ def test_a_start_out_of_low_speeds_that_are_not_shown_is_doubted_for_a_moment(
     t_s = np.arange(0, 120, 1 / rate_hz)
     true = np.clip(1.5 * (np.abs((t_s + 20) % 40 - 20) - 6), 0, 10)
     shown = np.where(true < least_m_s, 0.0, true)
-    along = shown[:, None] * np.array([0.6, 0.8, 0.0])
-    values = {"speed": shown, "velocity": along, "distance": np.cumsum(shown / rate_hz)}
-    found = doubtful_stretches(stream_of(t_s, values[kind], kind))
+    found = doubtful_stretches(odometer(t_s, shown, kind))
     assert all(gap.end_s - gap.start_s < 0.31 for gap in found)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_helpers import angle_between, gyro, orientation_from, random_poses
+from random_scenes import angle_between, random_poses
+from sensor_helpers import gyro, orientation_from
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.sensors import (
     SensorStream,

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sensor_helpers import gyro, orientation_from
+from sensor_helpers import MOUNTING, gyro, orientation_from
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.sensors import Mounting, SensorStream, Turn, find_bias, without_bias
 
-MOUNTING = Mounting(Rotation.from_euler("xyz", [0.5, -1.2, 0.8]).as_matrix(), np.zeros(3))
 BIAS_RAD_S = np.radians([0.5, -2.0, 4.5])
 STEP_S = 0.4
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sensor_helpers import MOUNTING
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.sensors import Mounting, SensorStream, Turn
+from sfmcpp.sensors import SensorStream, Turn
 from sfmcpp.sensors.rate_drift import find_drift, without_drift
 
 T_S = np.arange(0.0, 42.0, 0.01)
 STEP_S = 0.5
-MOUNTING = Mounting(Rotation.from_euler("xyz", [0.5, -1.2, 0.8]).as_matrix(), np.zeros(3))
 AXIS = np.array([0.3, -0.4, 0.866])
 
 

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sensor_helpers import gyro, orientation_from, rate_at
+from sensor_helpers import MOUNTING, gyro, orientation_from, rate_at
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.sensors import Mounting, SensorStream, Trajectory, Turn, check_rotations, check_turns
 
-MOUNTING = Mounting(Rotation.from_euler("xyz", [0.5, -1.2, 0.8]).as_matrix(), np.zeros(3))
 SECONDS = 20.0
 SLOW = 0.4
 

@@ -59,7 +59,7 @@ class Calls:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.counts: Counter[str] = Counter()
         self._lock = threading.Lock()
-        for name in ("detect", "match", "two_view_geometry"):
+        for name in ("detect", "match", "geometry_of_matches"):
             monkeypatch.setattr(front_end, name, self._counted(name, getattr(front_end, name)))
 
     def _counted(self, name: str, function: Any) -> Any:
@@ -72,7 +72,7 @@ class Calls:
 
     def since(self) -> tuple[int, int, int]:
         """Features, matches and geometries computed since it was asked last."""
-        found = tuple(self.counts[name] for name in ("detect", "match", "two_view_geometry"))
+        found = tuple(self.counts[name] for name in ("detect", "match", "geometry_of_matches"))
         self.counts.clear()
         return found  # type: ignore[return-value]
 

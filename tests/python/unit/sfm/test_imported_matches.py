@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from sfmcpp.errors import InvalidArgument
-from sfmcpp.sfm.imported_matches import match_graph_of_arrays, unique_matches
+from sfmcpp.sfm.imported_matches import match_graph_of_arrays
+from sfmcpp.sfm.match_graph import unique_matches
 
 RNG = np.random.default_rng(4)
 POINTS = np.column_stack([RNG.uniform(-2, 2, (60, 2)), RNG.uniform(4, 9, 60)])

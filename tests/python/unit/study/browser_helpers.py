@@ -1,10 +1,11 @@
-"""Pages as a headless browser draws them."""
+"""Pages as a headless browser draws them, and the scenes that they hold."""
 
 from __future__ import annotations
 
 import base64
 import io
 import json
+import re
 import shutil
 import subprocess
 import time
@@ -23,6 +24,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 OPTIONS = ("--headless=new", "--no-sandbox", "--hide-scrollbars", "--window-size=1000,700")
 # What draws in three dimensions without a graphics card.
 SOFTWARE_3D = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+_SCENE = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 
 Ask = Callable[..., dict[str, Any]]
 
@@ -126,3 +128,13 @@ def _debugger(port_file: Path, deadline: float) -> str:
                 return str(pages[0]["webSocketDebuggerUrl"])
         time.sleep(0.1)
     raise TimeoutError("the browser opened no page")
+
+
+def scene_in(page: str, **widths: int) -> dict[str, Any]:
+    """The scene that a page holds, with these of its arrays decoded, in rows of so many numbers."""
+    match = _SCENE.search(page)
+    assert match is not None
+    content: dict[str, Any] = json.loads(match[1])
+    for name, width in widths.items():
+        content[name] = np.frombuffer(base64.b64decode(content[name]), "<f4").reshape(-1, width)
+    return content

@@ -26,7 +26,7 @@ from sfmcpp.sources.io.colmap.camera_models import (
     unsupported,
 )
 from sfmcpp.sources.io.colmap.tables import LARGEST_ID
-from sfmcpp.sources.io.files import failures_named, is_present, is_regular_file
+from sfmcpp.sources.io.files import failures_named, is_present, is_regular_file, require_present
 from sfmcpp.sources.io.sqlite_tables import read_only_uri, require_stored
 
 _MAGIC = b"SQLite format 3\0"
@@ -102,8 +102,7 @@ def read_database(path: str | PathLike[str]) -> ColmapDatabase:
     """
     source = Path(path)
     with failures_named(source):
-        if not is_present(source):
-            raise DatasetError(source, "no such file or directory")
+        require_present(source)
     if not is_database(source):
         raise DatasetError(source, "is no database of SQLite")
     try:

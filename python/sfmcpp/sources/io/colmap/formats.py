@@ -23,10 +23,9 @@ from sfmcpp.sources.io.colmap.rig_files import (
     read_text_rigs,
     text_rig_files,
 )
-from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of
+from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of, trivial_rigs_in, with_poses_of
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
-from sfmcpp.sources.io.colmap.trivial_rigs import trivial_rigs_in, with_poses_of
 from sfmcpp.sources.io.files import is_folder, is_present, read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 
@@ -113,7 +112,7 @@ class _Files:
     rig_contents: Callable[[RigModel], Iterable[Iterable[bytes]]]
 
     def trivial_rigs(self, folder: Path) -> RigModel | None:
-        """Those of the model that is there, if any; refused if they are of several sensors."""
+        """Rigs of the model that is there, if any; refused if they are of several sensors."""
         has_model = _has_any_file(folder, self.names)
         return trivial_rigs_in(folder, self.rig_names, self.read_rigs, has_model=has_model)
 

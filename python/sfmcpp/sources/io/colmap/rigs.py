@@ -1,12 +1,13 @@
-"""COLMAP's rigs and frames as rigs of a problem, and back.
+"""COLMAP's rigs and frames as rigs of a problem, and back; and those of one camera each.
 
 Inside, sensors have the pose of a camera in its rig, as cameras have in the world; files have the inverse,
-and the first sensor of a rig at its origin.
+and the first sensor of a rig at its origin. COLMAP writes rigs of one camera each with every model: they are
+kept where a model is replaced.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from sfmcpp.model.metadata import FRAME_IDS, RIG_IDS, SENSOR_ROWS
 from sfmcpp.model.rigs import composed, relative
 from sfmcpp.sources.io.colmap.rig_files import CAMERA, Frame, Pose, Rig, RigModel, Sensor
 from sfmcpp.sources.io.colmap.tables import ImageTable, Int64Array, Tables
+from sfmcpp.sources.io.files import is_present
 from sfmcpp.sources.io.poses import cameras_from_pose, pose_from_cameras
 
 _LOOSE = 1e-6  # of the pose of an image against that of its frame, relative to its translation
@@ -202,3 +204,63 @@ def _file_poses(poses: FloatArray) -> list[Pose]:
     rotations, translations = pose_from_cameras(poses)
     values = np.concatenate([quaternion_from_rotation(rotations), translations], axis=1)
     return [tuple(row) for row in values.tolist()]
+
+
+def trivial_rigs_in(
+    folder: Path, names: Sequence[str], read: Callable[..., RigModel | None], *, has_model: bool
+) -> RigModel | None:
+    """Rigs and frames in the files of these names; None if there are none.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the model that is to be replaced.
+    names : sequence of str
+        Of the files of rigs and frames.
+    read : callable
+        Reads them.
+    has_model : bool
+        Whether the folder has the model that they belong to.
+
+    Raises
+    ------
+    DatasetError
+        If they are anything but rigs of one camera each: a new model would contradict them.
+    """
+    there = [folder / name for name in names if is_present(folder / name)]
+    if not there:
+        return None
+    found = None
+    if has_model and len(there) == len(names):
+        try:
+            found = read(folder, alone=True)
+        except DatasetError:  # what cannot be read is not replaced
+            found = None
+    kinds = {sensor.kind for rig in found.rigs for sensor in rig.sensors} if found else set()
+    if found is None or kinds != {CAMERA} or any(len(frame.data) != 1 for frame in found.frames):
+        reason = "the model that is there would be replaced, and this file would contradict the new poses"
+        raise DatasetError(there[-1], f"{reason}; write to another folder")
+    return found
+
+
+def with_poses_of(tables: Tables, known: RigModel) -> RigModel:
+    """A rig for each camera and a frame for each image, with the identifiers of `known` if it fits.
+
+    Without, rigs have those of their cameras and frames those of their images, as COLMAP numbers them.
+    """
+    rig_of_camera = {sensor.id: rig.id for rig in known.rigs for sensor in rig.sensors}
+    frame_of_image = {image: frame.id for frame in known.frames for _, _, image in frame.data}
+    cameras, images = tables.cameras.ids.tolist(), tables.images.ids.tolist()
+    if not (rig_of_camera.keys() >= set(cameras) and frame_of_image.keys() >= set(images)):
+        rig_of_camera, frame_of_image = ({number: number for number in ids} for ids in (cameras, images))
+    rigs = [Rig(rig_of_camera[camera], (Sensor(CAMERA, camera),)) for camera in cameras]
+    frames = [
+        Frame(frame_of_image[image], rig_of_camera[camera], tuple(pose), ((CAMERA, camera, image),))
+        for image, camera, pose in _image_poses(tables.images)
+    ]
+    return RigModel(tuple(rigs), tuple(frames), known.rigs_path, known.frames_path)
+
+
+def _image_poses(images: ImageTable) -> zip[tuple[int, int, list[float]]]:
+    poses = np.concatenate([images.quaternions, images.translations], axis=1)
+    return zip(images.ids.tolist(), images.camera_ids.tolist(), poses.tolist(), strict=True)

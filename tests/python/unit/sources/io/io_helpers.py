@@ -1,15 +1,17 @@
-"""Independent projection, random problems and comparisons for the tests of files."""
+"""Random problems and comparisons for the tests of files."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from hypothesis import HealthCheck, settings
 
+from projection import reference_residuals
 from sfmcpp import CAMERA_MODELS, DatasetError, Metadata, Problem
 from sfmcpp.sources.io import read
 
@@ -22,21 +24,7 @@ PROPERTY = settings(max_examples=60, deadline=None, derandomize=True, suppress_h
 
 def residuals(problem: Problem) -> np.ndarray:
     """Reprojection residuals (M, 2) [px], from the definitions of the camera models alone."""
-    camera, row = problem.camera_index, problem.intrinsics_index[problem.camera_index]
-    offsets = problem.points[problem.point_index] - problem.cameras[camera, :, 3]
-    in_camera = np.einsum("mij,mi->mj", problem.cameras[camera, :, :3], offsets)
-    value = dict.fromkeys(("k1", "k2", "k3", "k4", "k5", "p1", "p2", "skew", "cx", "cy"), 0.0)
-    value["aspect"] = 1.0
-    value |= dict(zip(problem.intrinsic_names, problem.intrinsics[row].T, strict=True))
-    x, y = in_camera[:, 0] / in_camera[:, 2], in_camera[:, 1] / in_camera[:, 2]
-    r2 = x * x + y * y
-    radial = 1 + sum(value[f"k{i}"] * r2**i for i in range(1, 6))
-    p1, p2 = value["p1"], value["p2"]
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    u = value["f"] * xd + value["skew"] * yd + value["cx"]
-    v = value["f"] * value["aspect"] * yd + value["cy"]
-    return np.stack([u, v], axis=1) - problem.pixels
+    return -reference_residuals(replace(problem, sigma_px=None, covariance_px2=None))
 
 
 def cost(problem: Problem) -> float:
@@ -111,6 +99,14 @@ def assert_same_problem(
     distance = np.linalg.norm(actual.centres - expected.centres, axis=1)
     assert (distance <= 1e-13 * np.linalg.norm(expected.centres, axis=1)).all()
     np.testing.assert_array_equal(actual.fixed_intrinsics, expected.fixed_intrinsics)
+
+
+def assert_same_bits(actual: Problem, expected: Problem) -> None:
+    """The whole problem equal to the last bit, as a file of binary numbers keeps it."""
+    assert_same_problem(actual, expected)
+    for name in ("cameras", "fixed_cameras", "fixed_points", "sigma_px", "covariance_px2"):
+        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), err_msg=name)
+    assert_same_metadata(actual, expected)
 
 
 def assert_same_metadata(actual: Problem, expected: Problem) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from browser_helpers import Ask, click, opened, opened_at, screenshot, value_of
+from browser_helpers import Ask, click, opened, opened_at, scene_in, screenshot, value_of
 from sfm_runs import thumbnail
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.photos import Photo
@@ -20,7 +19,6 @@ from sfmcpp.sources.synthetic import circle_scene
 from sfmcpp.study.pages.model_page import ModelScene, model_page, save_model_page
 from sfmcpp.study.pages.viewpoint import bounding_sphere, camera_size, turn_upright
 
-DATA = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 RED = (220, 30, 40)
 
 
@@ -44,11 +42,7 @@ def circle(num_points: int = 400, turned: Rotation | None = None, **options: Any
 
 def data_of(page: str) -> dict[str, Any]:
     """The scene that a page holds, with its arrays decoded."""
-    match = DATA.search(page)
-    assert match is not None
-    content: dict[str, Any] = json.loads(match[1])
-    for name, width in {"points": 3, "cameras": 12, "corners": 4}.items():
-        content[name] = np.frombuffer(base64.b64decode(content[name]), "<f4").reshape(-1, width)
+    content = scene_in(page, points=3, cameras=12, corners=4)
     content["colors"] = np.frombuffer(base64.b64decode(content["colors"]), "u1").reshape(-1, 3)
     return content
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,11 +11,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from browser_helpers import opened, screenshot, value_of
+from browser_helpers import opened, scene_in, screenshot, value_of
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.study.pages.scene_page import Scene, save_scene_page, scene_page
-
-DATA = re.compile(r'<script type="application/json" id="scene">(.*?)</script>', re.DOTALL)
 
 
 def street(points: int = 400, turned: Rotation | None = None, **options: Any) -> Scene:
@@ -34,12 +30,7 @@ def street(points: int = 400, turned: Rotation | None = None, **options: Any) ->
 
 def data_of(page: str) -> dict[str, Any]:
     """The scene that a page holds, with its arrays decoded."""
-    match = DATA.search(page)
-    assert match is not None
-    content: dict[str, Any] = json.loads(match[1])
-    for name, width in {"points": 3, "path": 3, "truth": 3, "cameras": 12}.items():
-        content[name] = np.frombuffer(base64.b64decode(content[name]), "<f4").reshape(-1, width)
-    return content
+    return scene_in(page, points=3, path=3, truth=3, cameras=12)
 
 
 def test_the_page_holds_the_scene_with_x_right_y_ahead_and_z_up() -> None:
