@@ -95,9 +95,7 @@ bool BundleModel::moves_intrinsics_far(const State& start, const State& candidat
   return late_intrinsics_.have_moved_far(start, candidate);
 }
 
-void BundleModel::hold_intrinsics(bool held) {
-  normal_.hold_intrinsics(held);
-}
+void BundleModel::hold_intrinsics(bool held) { normal_.hold_intrinsics(held); }
 
 bool BundleModel::sharpen(State& state) { return loss_stages_ && loss_stages_->sharpen(state); }
 

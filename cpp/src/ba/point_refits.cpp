@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <span>
 #include <vector>
 
@@ -50,11 +51,20 @@ double squared_turn(const PointBlock& v, const double* d, int images, double foc
   return length2 * (v.v00 + v.v11 + v.v22) / (2.0 * images * focal2);
 }
 
+// The points whose mark is one; few are.
 void list_marked(const std::vector<char>& marks, std::vector<int>& points) {
   points.clear();
-  for (std::size_t p = 0; p < marks.size(); ++p) {
-    if (marks[p]) points.push_back(static_cast<int>(p));
+  const char* begin = marks.data();
+  const char* end = begin + marks.size();
+  for (const char* at = begin; at != end; ++at) {
+    at = static_cast<const char*>(std::memchr(at, 1, static_cast<std::size_t>(end - at)));
+    if (at == nullptr) return;
+    points.push_back(static_cast<int>(at - begin));
   }
+}
+
+void keep_marked(const std::vector<char>& marks, std::vector<int>& points) {
+  std::erase_if(points, [&](int p) { return marks[p] == 0; });
 }
 
 // Where the rays of point p are closest to each other; as it was in a projective world, whose rays
@@ -211,7 +221,7 @@ long PointRefits::refit(const State& start,
   mark_beyond_model(normal, step, least, inverse_variance_ * mean_squared_focal(candidate));
   list_marked(tries_, points_);
   const double refitted = images_.exchange().sum(static_cast<double>(points_.size()));
-  std::ranges::fill(poor_, 0);
+  poor_points_ = points_;
   for (int pass = 0; pass < kMostPasses && !points_.empty(); ++pass) {
     lanes_.for_each(points_, [&](const PointLanes& lanes) {
       Pass fits(lanes, candidate);
@@ -219,10 +229,10 @@ long PointRefits::refit(const State& start,
       fits.step(least, tries_.data());
       fits.mark_poor(most, poor_.data());
     });
-    list_marked(tries_, points_);
+    keep_marked(tries_, points_);
   }
-  list_marked(poor_, points_);
-  lanes_.for_each(points_, [&](const PointLanes& lanes) {
+  keep_marked(poor_, poor_points_);
+  lanes_.for_each(poor_points_, [&](const PointLanes& lanes) {
     Pass(lanes, candidate).triangulate_points(least, tries_.data());
   });
   return std::lround(refitted);

@@ -63,7 +63,7 @@ class IterativeSolver final : public LinearSolver {
   SchurPreconditioner preconditioner_;
   ConjugateGradients conjugate_gradients_;
   std::optional<DampedSystem> formed_;  // what S and the factors of the points are of
-  Vector damping_, whole_rhs_;  // of all ranks' columns: λD, and the right-hand side
+  Vector damping_, whole_rhs_;          // of all ranks' columns: λD, and the right-hand side
   Vector diagonal_;  // λD of this rank's columns, as all vectors but those of the preconditioner
   Vector rhs_, solution_;
   Vector in_, out_;  // of the preconditioner, where there are more ranks

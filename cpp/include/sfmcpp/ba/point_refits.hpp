@@ -49,8 +49,8 @@ class PointRefits {
   double inverse_variance_;  // mean of 1/σ²
   // Of each point: passes in a row in which its step has failed, plus one; 0 where it is at rest.
   std::vector<char> tries_;
-  std::vector<char> poor_;   // which still fit poorly
-  std::vector<int> points_;  // of a pass
+  std::vector<char> poor_;                 // which still fit poorly, of those of the first pass
+  std::vector<int> points_, poor_points_;  // of a pass, and of the last one
 };
 
 }  // namespace sfmcpp::ba

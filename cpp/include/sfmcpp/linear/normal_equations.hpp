@@ -79,7 +79,7 @@ struct CameraModes {
 
 // Points per parallel task, and per task where there is little to do for each.
 inline constexpr int kPointsPerTask = 512;
-inline constexpr int kPointsPerSum = 8192;
+inline constexpr int kPointsPerSum = 2048;
 // Cameras, or their blocks, per parallel task.
 inline constexpr int kCamerasPerTask = 64;
 
