@@ -15,13 +15,15 @@ using Eigen::MatrixXd, Eigen::VectorXd;
 constexpr int kSteps = 8;
 constexpr double kInvariant = 1e-9;  // a vector of this length is rounding
 constexpr double kGoldenAngle = 2.399963229728653;
+// Of a parallel task.
+constexpr int kPointsPerTask = 1024, kCamerasPerTask = 8;
 
 // D^(−1/2) A T⁻¹ Aᵀ D^(−1/2) of the incidences A, with the observations D of each camera and T of
 // each point. Its largest eigenvalue is 1, of the vector √D.
 class Walk {
  public:
-  Walk(const ObservationGraph& graph, Exchange& exchange)
-      : graph_(graph), exchange_(exchange), at_point_(graph.num_points) {
+  Walk(const ObservationGraph& graph, ThreadPool& pool, Exchange& exchange)
+      : graph_(graph), pool_(pool), exchange_(exchange), at_point_(graph.num_points) {
     root_ = Eigen::Map<const VectorXd>(graph.of_camera_on_all_ranks.data(), graph.num_cameras)
                 .cwiseSqrt();
     inverse_root_ = (root_.array() > 0.0).select(root_.cwiseInverse(), 0.0);
@@ -31,12 +33,13 @@ class Walk {
 
   VectorXd operator*(const VectorXd& x) {
     const VectorXd scaled = inverse_root_.cwiseProduct(x);
-    for (int p = 0; p < graph_.num_points; ++p) at_point_[p] = mean_at_point(p, scaled);
+    pool_.parallel_for_parts(graph_.num_points, kPointsPerTask, [&](long begin, long end) {
+      for (long p = begin; p < end; ++p) at_point_[p] = mean_at_point(static_cast<int>(p), scaled);
+    });
     std::vector<CompensatedSum> sums(graph_.num_cameras);
-    for (int i = 0; i < graph_.num_cameras; ++i) {
-      for (int k = graph_.camera_begin[i]; k < graph_.camera_begin[i + 1]; ++k)
-        sums[i] += at_point_[graph_.point[k]];
-    }
+    pool_.parallel_for_parts(graph_.num_cameras, kCamerasPerTask, [&](long begin, long end) {
+      for (long i = begin; i < end; ++i) sums[i] = sum_at_camera(static_cast<int>(i));
+    });
     exchange_.sum(std::span(sums));
     VectorXd result(graph_.num_cameras);
     round_sums(sums, std::span(result.data(), sums.size()));
@@ -51,7 +54,15 @@ class Walk {
     return sum / std::max(graph_.observations_of_point(p), 1);
   }
 
+  CompensatedSum sum_at_camera(int i) const {
+    CompensatedSum sum;
+    for (int k = graph_.camera_begin[i]; k < graph_.camera_begin[i + 1]; ++k)
+      sum += at_point_[graph_.point[k]];
+    return sum;
+  }
+
   const ObservationGraph& graph_;
+  ThreadPool& pool_;
   Exchange& exchange_;
   VectorXd root_, inverse_root_;
   std::vector<double> at_point_;
@@ -70,8 +81,11 @@ double largest_eigenvalue(const VectorXd& diagonal, const VectorXd& beside) {
 
 }  // namespace
 
-double covisibility_gap(const ObservationGraph& graph, Exchange& exchange, double least) {
-  Walk walk(graph, exchange);
+double covisibility_gap(const ObservationGraph& graph,
+                        ThreadPool& pool,
+                        Exchange& exchange,
+                        double least) {
+  Walk walk(graph, pool, exchange);
   MatrixXd basis(graph.num_cameras, kSteps + 1);
   basis.col(0) = walk.stationary();
   VectorXd x(graph.num_cameras), diagonal(kSteps), beside(kSteps);

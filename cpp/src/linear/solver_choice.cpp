@@ -156,8 +156,8 @@ class Chooser {
     const double seconds = reference_seconds(cheapest());
     if (iterations_within_of_either(kWorthKnowing * seconds) < kFewestIterations) return;
     const double most = iterations_within_of_either(seconds);
-    const double gap =
-        covisibility_gap(question_.graph, question_.exchange, kIterationsTimesGap / most);
+    const double gap = covisibility_gap(
+        question_.graph, question_.pool, question_.exchange, kIterationsTimesGap / most);
     if (kIterationsTimesGap > most * gap) return;
     choice_.counts.expected_iterations = kIterationsTimesGap / gap;
     std::erase_if(choice_.forecasts, [](const SolverForecast& forecast) {

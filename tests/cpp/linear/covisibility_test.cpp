@@ -61,16 +61,18 @@ double gap_of_dense_matrix(const Observations& scene) {
 }
 
 TEST(Covisibility, IsOneWhereAllCamerasSeeAllPoints) {
+  ThreadPool pool(1);
   Observations all{.cameras = 12, .points = 40, .camera = {}, .point = {}};
   for (int i = 0; i < 12; ++i)
     for (int p = 0; p < 40; ++p) all.add(i, p);
-  EXPECT_NEAR(covisibility_gap(all.graph(), this_process(), 0.0), 1.0, 1e-12);
+  EXPECT_NEAR(covisibility_gap(all.graph(), pool, this_process(), 0.0), 1.0, 1e-12);
 }
 
 TEST(Covisibility, IsThatOfTheDenseMatrixWhereAnyTwoCamerasMayMeet) {
+  ThreadPool pool(2);
   for (unsigned seed : {1u, 2u, 3u}) {
     const Observations photos = scene(60, 2000, 60, seed);
-    const double gap = covisibility_gap(photos.graph(), this_process(), 0.0);
+    const double gap = covisibility_gap(photos.graph(), pool, this_process(), 0.0);
     const double exact = gap_of_dense_matrix(photos);
     EXPECT_GT(exact, 0.3);
     EXPECT_NEAR(gap, exact, 0.02 * exact);
@@ -78,45 +80,53 @@ TEST(Covisibility, IsThatOfTheDenseMatrixWhereAnyTwoCamerasMayMeet) {
 }
 
 TEST(Covisibility, IsNotBelowThatOfTheDenseMatrixAndSmallAlongAChain) {
+  ThreadPool pool(2);
   const Observations chain = scene(60, 2000, 8, 4);
-  const double gap = covisibility_gap(chain.graph(), this_process(), 0.0);
+  const double gap = covisibility_gap(chain.graph(), pool, this_process(), 0.0);
   EXPECT_GE(gap, gap_of_dense_matrix(chain) * (1 - 1e-9));
   EXPECT_LT(gap, 0.05);
 }
 
 TEST(Covisibility, EndsOnceItIsKnownToBeBelowWhatIsAskedFor) {
+  ThreadPool pool(2);
   const Observations chain = scene(60, 2000, 8, 5);
-  const double whole = covisibility_gap(chain.graph(), this_process(), 0.0);
-  const double early = covisibility_gap(chain.graph(), this_process(), 0.5);
+  const double whole = covisibility_gap(chain.graph(), pool, this_process(), 0.0);
+  const double early = covisibility_gap(chain.graph(), pool, this_process(), 0.5);
   EXPECT_LT(early, 0.5);
   EXPECT_GT(early, whole);
 }
 
 TEST(Covisibility, LeavesOutWhatSeesNothing) {
+  ThreadPool pool(2);
   Observations photos = scene(60, 2000, 60, 6);
-  const double gap = covisibility_gap(photos.graph(), this_process(), 0.0);
+  const double gap = covisibility_gap(photos.graph(), pool, this_process(), 0.0);
   photos.cameras += 1;
   photos.points += 3;
-  EXPECT_NEAR(covisibility_gap(photos.graph(), this_process(), 0.0), gap, 0.02 * gap);
+  EXPECT_NEAR(covisibility_gap(photos.graph(), pool, this_process(), 0.0), gap, 0.02 * gap);
 }
 
 TEST(Covisibility, OfNoOrOneCameraIsOne) {
+  ThreadPool pool(2);
   Observations few{.cameras = 0, .points = 0, .camera = {}, .point = {}};
-  EXPECT_EQ(covisibility_gap(few.graph(), this_process(), 0.0), 1.0);
+  EXPECT_EQ(covisibility_gap(few.graph(), pool, this_process(), 0.0), 1.0);
   few = {.cameras = 1, .points = 2, .camera = {0, 0}, .point = {0, 1}};
-  EXPECT_EQ(covisibility_gap(few.graph(), this_process(), 0.0), 1.0);
+  EXPECT_EQ(covisibility_gap(few.graph(), pool, this_process(), 0.0), 1.0);
 }
 
-TEST(Covisibility, HasTheSameBitsForEveryNumberOfRanks) {
+TEST(Covisibility, HasTheSameBitsForEveryNumberOfRanksAndThreads) {
+  ThreadPool pool(1);
   for (int window : {60, 8}) {
     const Observations all = scene(60, 2000, window, 7);
-    const double alone = covisibility_gap(all.graph(), this_process(), 0.01);
+    const double alone = covisibility_gap(all.graph(), pool, this_process(), 0.01);
+    ThreadPool three(3);
+    EXPECT_EQ(covisibility_gap(all.graph(), three, this_process(), 0.01), alone);
     for (int ranks : {2, 3}) {
       std::vector<double> gaps(ranks);
       support::play_ranks(ranks, [&](Exchange& exchange) {
+        ThreadPool of_rank(1);
         ObservationGraph graph = all.graph(exchange.rank(), ranks);
         exchange.sum(graph.of_camera_on_all_ranks);
-        gaps[exchange.rank()] = covisibility_gap(graph, exchange, 0.01);
+        gaps[exchange.rank()] = covisibility_gap(graph, of_rank, exchange, 0.01);
       });
       for (double gap : gaps) EXPECT_EQ(gap, alone);
     }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "sfmcpp/core/exchange.hpp"
+#include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/observation_graph.hpp"
 
 namespace sfmcpp::linear {
@@ -14,7 +15,10 @@ namespace sfmcpp::linear {
 // gradients converge.
 //
 // From above, by a few steps of Lanczos' method, which end once the gap is known to be below
-// `least`. The same bits on every rank, and for every number of them.
-double covisibility_gap(const ObservationGraph& graph, Exchange& exchange, double least);
+// `least`. The same bits on every rank, and for every number of them and of threads.
+double covisibility_gap(const ObservationGraph& graph,
+                        ThreadPool& pool,
+                        Exchange& exchange,
+                        double least);
 
 }  // namespace sfmcpp::linear
