@@ -16,7 +16,7 @@ constexpr int kSteps = 8;
 constexpr double kInvariant = 1e-9;  // a vector of this length is rounding
 constexpr double kGoldenAngle = 2.399963229728653;
 // Of a parallel task.
-constexpr int kPointsPerTask = 1024, kCamerasPerTask = 8;
+constexpr int kPointsOfPart = 1024, kCamerasOfPart = 8;
 
 // D^(−1/2) A T⁻¹ Aᵀ D^(−1/2) of the incidences A, with the observations D of each camera and T of
 // each point. Its largest eigenvalue is 1, of the vector √D.
@@ -33,11 +33,11 @@ class Walk {
 
   VectorXd operator*(const VectorXd& x) {
     const VectorXd scaled = inverse_root_.cwiseProduct(x);
-    pool_.parallel_for_parts(graph_.num_points, kPointsPerTask, [&](long begin, long end) {
+    pool_.parallel_for_parts(graph_.num_points, kPointsOfPart, [&](long begin, long end) {
       for (long p = begin; p < end; ++p) at_point_[p] = mean_at_point(static_cast<int>(p), scaled);
     });
     std::vector<CompensatedSum> sums(graph_.num_cameras);
-    pool_.parallel_for_parts(graph_.num_cameras, kCamerasPerTask, [&](long begin, long end) {
+    pool_.parallel_for_parts(graph_.num_cameras, kCamerasOfPart, [&](long begin, long end) {
       for (long i = begin; i < end; ++i) sums[i] = sum_at_camera(static_cast<int>(i));
     });
     exchange_.sum(std::span(sums));
