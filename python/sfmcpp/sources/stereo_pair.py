@@ -36,6 +36,7 @@ from sfmcpp.sources.io.files import is_folder, is_present, is_regular_file
 from sfmcpp.sources.io.intrinsics import matrix_fault
 from sfmcpp.sources.io.opencv_cameras import opencv_cameras
 from sfmcpp.sources.io.orb_slam import orb_slam_cameras, orb_slam_pose
+from sfmcpp.sources.io.poses import centre_of_projection
 from sfmcpp.sources.mounting_files import mounting_beside_camera, pose_of
 from sfmcpp.sources.opencv_pairs import opencv_pair
 
@@ -227,10 +228,10 @@ def _pair_of_orb_slam(root: Node, intrinsics: FloatArray, name: str) -> StereoPa
 
 
 def _centre(file: Path, projection: FloatArray) -> FloatArray:
-    """Centre c (3,) of ``P = K [I | −c]``, b = −P[0, 3] / f where only x differs."""
+    """Centre (3,) of a projection matrix, b = −P[0, 3] / f where only x differs."""
     if (fault := matrix_fault(projection[:, :3])) is not None:
         raise DatasetError(file, fault)
-    return np.asarray(-np.linalg.solve(projection[:, :3], projection[:, 3]))
+    return centre_of_projection(projection)
 
 
 def _pair_of_opencv(intrinsics: FloatArray, camera: Path) -> StereoPair | None:

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sources.io.documents import Node, read_document
 from sfmcpp.sources.io.intrinsics import (
@@ -146,10 +145,7 @@ def chosen_camera(root: Node, camera: str) -> Node:
         If there is none, or several and no name.
     """
     several = kalibr_cameras(root)
-    if camera and camera not in several:
-        raise _no_camera(root, camera, several)
-    if len(several) > 1 and not camera:
-        raise _several_cameras(root, several)
+    _require_choice(root, camera, several, len(several))
     if not several and not root.part("intrinsics"):
         rule = "must be of OpenCV (camera_matrix, or K), Kalibr (cam0: intrinsics) or EuRoC (intrinsics)"
         raise root.error(f"holds no camera: {rule}")
@@ -171,20 +167,17 @@ def opencv_camera(root: Node, name: str) -> OpencvCamera:
         If there is none, or several and no name.
     """
     cameras = opencv_cameras(root)
-    if name and name not in cameras:
-        raise _no_camera(root, name, cameras)
     as_taken = [camera for camera in cameras.values() if not camera.rectified]
-    if len(as_taken or cameras) > 1 and not name:
-        raise _several_cameras(root, cameras)
+    _require_choice(root, name, cameras, len(as_taken or cameras))
     return cameras[name] if name else next(iter(cameras.values()))
 
 
-def _no_camera(root: Node, name: str, known: Collection[str]) -> DatasetError:
-    return root.error(f"holds no camera {name!r}{': it holds ' * bool(known)}{', '.join(known)}")
-
-
-def _several_cameras(root: Node, known: Collection[str]) -> DatasetError:
-    return root.error(f"holds {', '.join(known)}: say which, as in {root.path.name}:{next(iter(known))}")
+def _require_choice(root: Node, name: str, known: Collection[str], count: int) -> None:
+    """Raise a DatasetError for a name that is not known, and without one if it may be of `count` cameras."""
+    if name and name not in known:
+        raise root.error(f"holds no camera {name!r}{': it holds ' * bool(known)}{', '.join(known)}")
+    if count > 1 and not name:
+        raise root.error(f"holds {', '.join(known)}: say which, as in {root.path.name}:{next(iter(known))}")
 
 
 def _opencv(camera: OpencvCamera) -> Calibration:
@@ -196,8 +189,7 @@ def _opencv(camera: OpencvCamera) -> Calibration:
 
 
 def _orb_slam(root: Node, name: str, known: Collection[str]) -> Calibration:
-    if name not in known:
-        raise _no_camera(root, name, known)
+    _require_choice(root, name, known, 1)
     matrix, distortion = orb_slam_camera(root, name)
     values = _Values(root, matrix.ravel().tolist()), _Values(root, distortion)
     return Calibration(_intrinsics(*values, "plumb_bob"), root, first_pixel_px=0.0)

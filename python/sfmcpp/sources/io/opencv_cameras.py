@@ -20,6 +20,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import PRINTED_ROTATION_TOLERANCE, is_rotation
 from sfmcpp.sources.io.documents import Node
 from sfmcpp.sources.io.intrinsics import matrix_fault
+from sfmcpp.sources.io.poses import centre_of_projection
 
 _NAMES = {
     "matrix": "camera_?matrix|mtx|K|M",
@@ -114,7 +115,8 @@ class OpencvCamera:
         node = self._part("projection")
         if node is None:
             return None
-        return np.asarray(-np.linalg.solve(_calibration_matrix(node, True), matrix_of(node, 3, 4)[:, 3]))
+        _calibration_matrix(node, of_projection=True)
+        return centre_of_projection(matrix_of(node, 3, 4))
 
     def rectified_from_camera(self) -> FloatArray | None:
         """Rotation (3, 3) from the camera to the axes of the rectified pair; None if the file has none.

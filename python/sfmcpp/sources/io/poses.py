@@ -41,3 +41,8 @@ def y_up_pose_from_cameras(cameras: FloatArray) -> tuple[FloatArray, FloatArray]
 def turned_pixels(pixels: FloatArray) -> FloatArray:
     """Pixels (M, 2) with the y axis turned round: y up becomes y down, and back."""
     return np.asarray(pixels * _TURN[:2])
+
+
+def centre_of_projection(projection: FloatArray) -> FloatArray:
+    """Centre c (3,) of a camera whose projection matrix (3, 4) is ``P = K [I | −c]``, with a regular K."""
+    return np.asarray(-np.linalg.solve(projection[:, :3], projection[:, 3]))
