@@ -1,5 +1,7 @@
 #include "sfmcpp/ba/point_lanes.hpp"
 
+#include "sfmcpp/core/simd.hpp"
+
 namespace sfmcpp::ba {
 namespace {
 
@@ -11,6 +13,17 @@ void weigh(const void* loss, int count, const double* squared, double* rho, doub
   for (int k = 0; k < count; ++k) {
     rho[k] = of_images.rho(squared[k]);
     weight[k] = of_images.derivative(squared[k]);
+  }
+}
+
+// Those of a point lie anywhere in memory.
+SFMCPP_INLINE void prefetch_observations(const ImageResiduals& images, int p) {
+  const linear::ObservationGraph& graph = images.graph();
+  for (int k = graph.point_begin[p]; k < graph.point_begin[p + 1]; ++k) {
+    const int observation = graph.of_point[k];
+    __builtin_prefetch(&graph.camera[observation]);
+    __builtin_prefetch(&images.u()[observation]);
+    __builtin_prefetch(&images.v()[observation]);
   }
 }
 
@@ -36,6 +49,7 @@ void PointLanes::set(std::span<const int> points) {
   for (AlignedVector<double>* numbers : {&u_, &v_, &inverse_sigma_}) numbers->resize(entries);
   for (AlignedVector<double>* numbers : {&shear_, &stretch_})
     numbers->resize(has_shapes_ ? entries : 0);
+  for (int p : points_) prefetch_observations(images_, p);
   for (int lane = 0; lane < size(); ++lane) set_lane(lane);
 }
 

@@ -84,6 +84,7 @@ inline void add_pair(const Stored<D, T>& stored,
 template <int D, class T>
 void whiten_row(const PairSums& in, const Stored<D, T>& stored, const PairSums::Row& row) {
   for (int a = row.begin; a < row.end; ++a) {
+    prefetch_factor(in.factors, in.point, a + kFactorsAhead, row.end);
     const PointFactor& m = in.factors[in.point[a]];
     double g[6], t[6];
     whiten(stored.record(a), m, g);

@@ -93,6 +93,7 @@ void sum_diagonal(const DiagonalSum& in) {
     }
   };
   for (long a = in.begin; a < in.end; ++a) {
+    prefetch_factor(in.factors, in.point, a + kFactorsAhead, in.end);
     const Widened<D, T> j(stored.j(a));
     const PointRecordOf<T>& record = stored.record(a);
     const PointFactor& m = in.factors[in.point[a]];
@@ -127,7 +128,7 @@ void schur_diagonal(const DiagonalSum& in) {
 // Prefetches the observations that share the point of observation a. They lie anywhere in memory,
 // and waiting for them took longer than the arithmetic.
 template <int D, class T>
-inline void prefetch_partners(const SchurRow& in, const Stored<D, T>& stored, int a) {
+SFMCPP_INLINE void prefetch_partners(const SchurRow& in, const Stored<D, T>& stored, int a) {
   if (a >= in.end) return;
   const int end = in.graph.point_begin[in.graph.point[a] + 1];
   for (int position = in.graph.rank[a] + 1; position < end; ++position) {
@@ -185,7 +186,11 @@ void point_sums(const GraphView& graph,
     Row<D> by_lane[3];  // of Σ Aᵀ J x
     for (Row<D>& sum : by_lane) set_zero(sum);
     for (int position = graph.point_begin[p]; position < graph.point_begin[p + 1]; ++position) {
-      if (position + kAhead < last) stored.prefetch(graph.of_point[position + kAhead]);
+      if (position + kAhead < last) {
+        const long ahead = graph.of_point[position + kAhead];
+        stored.prefetch(ahead);
+        __builtin_prefetch(graph.camera + ahead);
+      }
       const long b = graph.of_point[position];
       Rows<D> rows(stored.j(b));
       Row<D> step;

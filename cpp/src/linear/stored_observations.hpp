@@ -20,7 +20,7 @@ struct Stored {
 
   const T* j(long a) const { return by_camera + a * 2 * D; }
   const PointRecordOf<T>& record(long a) const { return records[a]; }
-  void prefetch(long a) const {
+  SFMCPP_INLINE void prefetch(long a) const {
     constexpr int kLine = 64 / sizeof(T);
     for (int k = 0; k < 2 * D; k += kLine) __builtin_prefetch(j(a) + k);
     __builtin_prefetch(records + a);
@@ -54,6 +54,17 @@ inline void whiten(const PointRecordOf<T>& record, const PointFactor& m, double*
     g[3 * row + 1] = a[0] * m.m10 + a[1] * m.m11;
     g[3 * row + 2] = a[0] * m.m20 + a[1] * m.m21 + a[2] * m.m22;
   }
+}
+
+// How many observations ahead of the one at work the factor of its point is prefetched.
+constexpr int kFactorsAhead = 8;
+
+// Of observation a, if it is before `end`: observations lie by camera, and their points anywhere.
+SFMCPP_INLINE void prefetch_factor(const PointFactor* factors, const int* point, long a, long end) {
+  if (a >= end) return;
+  const auto* factor = reinterpret_cast<const char*>(factors + point[a]);
+  __builtin_prefetch(factor);
+  __builtin_prefetch(factor + sizeof(PointFactor) - 1);
 }
 
 template <class T>

@@ -19,6 +19,7 @@ struct PackCost {
 template <class Camera>
 SFMCPP_INLINE PackCost pack_cost(const ObservationBatch& batch, int first) {
   Real point[Camera::kPointStorage];
+  prefetch_points<Camera::kPointStorage>(batch, first);
   gather_point<Camera::kPointStorage>(batch, first, point);
   const ImagePoint<Real> image = Camera::project(batch.camera, batch.intrinsics, point);
   const Real weight = load<kLanes>(batch.inverse_sigma + first);

@@ -17,6 +17,14 @@ SFMCPP_INLINE void gather_point(const ObservationBatch& batch, int first, Real* 
     point[k] = gather<kLanes>(batch.points + k, batch.point + first, kStorage);
 }
 
+// Points of the pack after the next: observations lie by camera, and their points anywhere.
+template <int kStorage>
+SFMCPP_INLINE void prefetch_points(const ObservationBatch& batch, int first) {
+  const int ahead = first + 2 * kLanes;
+  for (int k = ahead; k < ahead + kLanes && k < batch.count; ++k)
+    __builtin_prefetch(batch.points + static_cast<long>(kStorage) * batch.point[k]);
+}
+
 [[maybe_unused]] SFMCPP_INLINE int lanes_left(int count, int first) {
   return count - first < kLanes ? count - first : kLanes;
 }

@@ -38,6 +38,7 @@ int linearize(const ObservationBatch& batch, const JacobianOutput& out) {
   int behind = 0;
   for (int first = 0; first < batch.count; first += kLanes) {
     Real x[Camera::kPointStorage];
+    prefetch_points<Camera::kPointStorage>(batch, first);
     gather_point<Camera::kPointStorage>(batch, first, x);
     LinearizedImagePoint<Real, kCamera, Camera::kIntrinsics> lin;
     Camera::linearize(batch.camera, batch.intrinsics, x, lin);

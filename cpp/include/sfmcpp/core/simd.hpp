@@ -6,7 +6,8 @@
 
 namespace sfmcpp {
 
-// Inlined at any level of optimisation: see the rule in core/isa.hpp.
+// Inlined at any level of optimisation: see the rule in core/isa.hpp. What only prefetches needs it
+// too: GCC takes it for a function without effect, and drops the calls that are not inlined.
 #define SFMCPP_INLINE [[gnu::always_inline]] inline
 
 // The compiler's vector types; GCC drops the attribute from a type that depends on a parameter. A
