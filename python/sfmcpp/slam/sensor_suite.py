@@ -110,7 +110,7 @@ class SensorSuite:
                 raise InvalidArgument(f"sensors: {count} are named {name!r}, must have names of their own")
         # As they were given.
         self.given = tuple(sensors)
-        # Names of those that disagreed with the images at the latest keyframe.
+        # Names of those that the images deny up to the latest keyframe: at one alone the images may be wrong.
         self.in_conflict: frozenset[str] = frozenset()
         # How each compared with the images so far, by name.
         self.experience: dict[str, Experience] = {}
@@ -213,13 +213,13 @@ class SensorSuite:
         Not those whose own stream is in doubt there: a warning names them already. Where the map was
         `moved_back` to positions, it was not these that were wrong.
         """
-        self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
                 known = self._experience_of(selection.name)
                 known.add(selection.conflict, stretch)
                 if moved_back and constraint.measurement.kind in PLACE_KINDS:
                     known.explain()
+        self.in_conflict = frozenset(name for name, known in self.experience.items() if known.is_denied)
 
     def set_clocks(self, vision: Trajectory | None = None) -> list[str]:
         """Set the clocks of gyroscopes by the rotations of the camera, where these determine them.
