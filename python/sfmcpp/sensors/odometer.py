@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -46,6 +47,9 @@ _LEAST_PARALLAX_PX, _SEEN_SHARE = 1.0, 0.1
 _LARGEST_TURN_RAD, _LARGEST_ASIDE_RAD = np.radians([5.0, 45.0]).tolist()
 # Below this speed the body stands: every odometer repeats itself, and its factor may change without a leap.
 STANDING_M_S = 0.3
+# A body is taken to turn evenly for so long [s]: over two seconds of KITTI's 0036 that costs as much as the
+# odometer's own error, over eight ten times as much.
+_EVEN_TURN_S = 0.5
 # Shorter steps determine no scale.
 LEAST_STEP_M = 0.05
 # A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
@@ -130,6 +134,31 @@ def camera_displacement(
     else:
         step = _turned(np.array([[way, 0.0, 0.0]]), so3.log(body), np.array([0.5]), np.ones(1))
     return np.asarray(mounting.camera_from_body @ (step + body @ mounting.lever_arm_m - mounting.lever_arm_m))
+
+
+def stops_on_the_way(start_s: float, end_s: float) -> FloatArray:
+    """Times (n,) evenly spaced up to the end, between which a vehicle turns about evenly [s]."""
+    count = max(1, math.ceil((end_s - start_s) / _EVEN_TURN_S))
+    return np.linspace(start_s, end_s, count + 1)[1:]
+
+
+def displacement_along(
+    stream: SensorStream, start_s: float, end_s: float, mounting: Mounting, turns: FloatArray
+) -> FloatArray | None:
+    """Step (3,) of a camera as :func:`camera_displacement` has it, along a path whose turns are known.
+
+    `turns` are the rotation start_from_end (3, 3) of the camera, or start_from_then (n, 3, 3) at n times
+    evenly spaced up to the end: who turns for some of the time only gets elsewhere than who turns evenly.
+    """
+    after = turns.reshape(-1, 3, 3)
+    before = np.concatenate([np.eye(3)[None], after[:-1]])
+    times_s = np.linspace(start_s, end_s, len(after) + 1)
+    steps = [
+        camera_displacement(stream, a_s, b_s, mounting, a.T @ b)
+        for a_s, b_s, a, b in zip(times_s[:-1], times_s[1:], before, after, strict=True)
+    ]
+    known = [step for step in steps if step is not None]
+    return np.einsum("nij,nj->i", before, known) if len(known) == len(steps) else None
 
 
 def _step_of_velocities(stream: SensorStream, start_s: float, end_s: float, turn: FloatArray) -> FloatArray:

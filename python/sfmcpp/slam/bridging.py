@@ -75,9 +75,12 @@ class Follower:
         if turn is not None and so3.rotation_angle(turn.T @ found.camera[:, :3]) > SAME_TURN_RAD:
             return None
         moved, stood = found.failure != "rotation only", length is None
+        pose = result.path.pose_of(last.number)
+        measured = self._measured_step(last.t_s, frame.t_s, found.camera[:, :3], result)
+        if measured is not None:
+            return Step(_moved_by(pose, measured), moved, stood)
         if moved and length is None:
             length = self.usual_depth(result) / _depth_of_step(found, before, here, self._intrinsics)
-        pose = result.path.pose_of(last.number)
         rotation = pose[:, :3] @ found.camera[:, :3]
         centre = pose[:, 3] + (length if moved and length else 0.0) * pose[:, :3] @ found.camera[:, 3]
         return Step(np.column_stack([rotation, centre]), moved, stood)
@@ -91,13 +94,33 @@ class Follower:
         guess = path.predict(frame.t_s)
         ((last, now),) = path.latest(1).items()
         start_s = path.times[last]
-        turn = self._sensors.rotation(start_s, frame.t_s)
-        rotation = guess[:, :3] if turn is None else now[:, :3] @ turn
-        centre = self._sensors.centre(frame.t_s, rotation) if metric else None
-        if centre is None:
-            distance = self._sensors.distance(start_s, frame.t_s) if metric else None
-            centre = now[:, 3] + _predicted_step(guess, now, distance)
-        return np.asarray(np.column_stack([rotation, centre]))
+        step = self._measured_step(start_s, frame.t_s, now[:, :3].T @ guess[:, :3], result)
+        if step is None:
+            step = self._usual_step(start_s, frame.t_s, now, guess, metric)
+        pose = _moved_by(now, step)
+        centre = self._sensors.centre(frame.t_s, pose[:, :3]) if metric else None
+        return pose if centre is None else np.column_stack([pose[:, :3], centre])
+
+    def _usual_step(
+        self, start_s: float, end_s: float, now: FloatArray, guess: FloatArray, metric: bool
+    ) -> FloatArray:
+        """Motion (3, 4) from the pose `now` to the one predicted, with the turn and the way measured."""
+        turn = self._sensors.rotation(start_s, end_s)
+        distance = self._sensors.distance(start_s, end_s) if metric else None
+        step = now[:, :3].T @ _predicted_step(guess, now, distance)
+        return np.column_stack([now[:, :3].T @ guess[:, :3] if turn is None else turn, step])
+
+    def _measured_step(
+        self, start_s: float, end_s: float, seen: FloatArray, result: SlamResult
+    ) -> FloatArray | None:
+        """Motion (3, 4) start_from_end by an odometer of velocities; None where there is none to trust.
+
+        Few tracks leave the direction of a step of a tenth of a second open by ten degrees. The turn is that
+        of a gyroscope, else the one `seen` (3, 3).
+        """
+        measured = self._sensors.measure(start_s, end_s, seen, metric=result.metric, previous=np.eye(3))
+        usable = (m for m in measured if m.sensor not in self._sensors.in_conflict and not m.doubtful)
+        return next((np.asarray(m.value) for m in usable if m.kind == "displacement-pose"), None)
 
     def length(self, start_s: float, end_s: float, result: SlamResult) -> float | None:
         """Length of the path between two times [s], by an odometer, else by the speed so far.
@@ -145,6 +168,11 @@ def _depth_of_step(found: RelativePose, before: FloatArray, here: FloatArray, ro
     rays_before, rays_here = (homogeneous(to_normalised(p[found.inliers], row)) for p in (before, here))
     depths, _, factor = closest_depths(rays_before, rays_here @ found.camera[:, :3].T, found.camera[:, 3])
     return float(np.median(depths / np.maximum(factor, np.finfo(float).tiny)))
+
+
+def _moved_by(pose: FloatArray, step: FloatArray) -> FloatArray:
+    """Pose (3, 4) world_from_camera after a motion (3, 4) start_from_end."""
+    return np.column_stack([pose[:, :3] @ step[:, :3], pose[:, 3] + pose[:, :3] @ step[:, 3]])
 
 
 def _predicted_step(guess: FloatArray, now: FloatArray, distance: float | None) -> FloatArray:

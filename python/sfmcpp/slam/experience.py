@@ -108,6 +108,15 @@ class Experience:
         return "one of them is wrong"
 
     @property
+    def is_denied(self) -> bool:
+        """Whether the latest keyframes contradict it for so long, or so strongly, that it is no chance."""
+        judged = _judged(self.reports)
+        first = len(judged)
+        while first and self.reports[judged[first - 1]].conflicting:
+            first -= 1
+        return _is_no_chance(self.reports, judged[first:], judged)
+
+    @property
     def denied(self) -> Gap | None:
         """Time span of the worst conflict, with its onset and end; None where there is none."""
         worst = _worst_conflict(self.reports, self.explained)
@@ -145,17 +154,26 @@ def _worst_conflict(reports: list[ConflictReport], explained: set[int]) -> list[
             stretches[-1].append(k)
         elif stretches[-1]:
             stretches.append([])
+    conflicts = [
+        (not explained.issuperset(stretch), _strength(reports, stretch, judged), stretch)
+        for stretch in stretches
+        if _is_no_chance(reports, stretch, judged)
+    ]
+    return max(conflicts)[2] if conflicts else []
+
+
+def _is_no_chance(reports: list[ConflictReport], stretch: list[int], judged: list[int]) -> bool:
+    """Whether conflicts in a row, of the `judged` reports, are more or stronger than chance explains."""
+    fewest, strong = _limits(len(judged))
+    return len(stretch) >= fewest or _strength(reports, stretch, judged) >= strong
+
+
+def _strength(reports: list[ConflictReport], stretch: list[int], judged: list[int]) -> float:
+    """Sum of the squares of conflicts in a row, in units of what is usual on the run."""
     sigmas = np.array([report.sigmas for report in reports])
     median = float(np.median(sigmas[judged])) if judged else 0.0
     usual = float(np.clip(median / _MEDIAN_SIGMAS, 1.0, _LARGEST_USUAL))
-    strength = [float(np.sum((sigmas[stretch] / usual) ** 2)) for stretch in stretches]
-    fewest, strong = _limits(len(judged))
-    conflicts = [
-        (not explained.issuperset(stretch), power, stretch)
-        for power, stretch in zip(strength, stretches, strict=True)
-        if power >= strong or len(stretch) >= fewest
-    ]
-    return max(conflicts)[2] if conflicts else []
+    return float(np.sum((sigmas[stretch] / usual) ** 2))
 
 
 def _judged(reports: list[ConflictReport]) -> list[int]:

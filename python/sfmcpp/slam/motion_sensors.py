@@ -15,7 +15,6 @@ from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import (
     Mounting,
-    camera_displacement,
     carried_over,
     displaced_positions,
     doubtful_stretches,
@@ -31,6 +30,7 @@ from sfmcpp.sensors import (
 )
 from sfmcpp.sensors.frozen_speed import frozen_stretches
 from sfmcpp.sensors.gps import position_sigma
+from sfmcpp.sensors.odometer import displacement_along
 from sfmcpp.slam.measurement import Measurement
 
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
@@ -126,7 +126,7 @@ class Odometer:
     def measure(
         self, start_s: float, end_s: float, rotation: FloatArray, turn: FloatArray | None = None
     ) -> Measurement | None:
-        """Motion from the keyframe before; of the camera, if its `turn` start_from_end is given."""
+        """Motion from the keyframe before; of the camera, if its `turn` is given (see :meth:`step`)."""
         step = self.step(start_s, end_s, turn)
         distance = self._distance(start_s, end_s, turn)
         if distance is None:
@@ -135,7 +135,7 @@ class Odometer:
         doubtful = self._is_doubtful(start_s, end_s)
         directed = self.directions and self.stream.kind == "velocity" and sigma_m is not None
         if directed and turn is not None and step is not None:
-            value = np.column_stack([turn, step])
+            value = np.column_stack([turn.reshape(-1, 3, 3)[-1], step])
             return Measurement(self.name, "displacement-pose", value, sigma_m, doubtful)
         return Measurement(self.name, "scale", distance, sigma_m, doubtful, yields=False)
 
@@ -149,10 +149,10 @@ class Odometer:
         return float(np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m]))
 
     def step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
-        """Step (3,) of the camera in its axes at the start [m], where its `turn` and mounting are known."""
+        """Step (3,) of the camera in its axes at the start [m], by its `turn` (3, 3), or turns on the way."""
         if self.mounting is None or turn is None:
             return None
-        return camera_displacement(self._stream_without_leaps, start_s, end_s, self.mounting, turn)
+        return displacement_along(self._stream_without_leaps, start_s, end_s, self.mounting, turn)
 
     def _distance(self, start_s: float, end_s: float, turn: FloatArray | None) -> float | None:
         step = self.step(start_s, end_s, turn)

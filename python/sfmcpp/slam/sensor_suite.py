@@ -25,6 +25,7 @@ from sfmcpp.sensors import (
     without_bias,
     without_spikes,
 )
+from sfmcpp.sensors.odometer import stops_on_the_way
 from sfmcpp.sensors.rate_drift import RateDrift, find_drift
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
@@ -35,8 +36,7 @@ from sfmcpp.slam.world_map import Keyframe
 
 _Answer = TypeVar("_Answer")
 _Sensor = TypeVar("_Sensor", Odometer, Gyroscope, Gps, Ins)
-# A gyroscope that has a bias is none of a navigation unit: its bias changes, too. Its rotations wander by at
-# least so much more [rad/√s].
+# A gyroscope with a bias is none of a navigation unit: its rotations wander by so much more [rad/√s].
 _WALK_RAD_SQRT_S = 0.004
 # A body that an odometer moves faster than this does not rest, whatever the images show [m/s].
 _AT_REST_M_S = 0.2
@@ -110,7 +110,7 @@ class SensorSuite:
                 raise InvalidArgument(f"sensors: {count} are named {name!r}, must have names of their own")
         # As they were given.
         self.given = tuple(sensors)
-        # Names of those that disagreed with the images at the latest keyframe.
+        # Names of those that the images deny up to the latest keyframe: at one alone the images may be wrong.
         self.in_conflict: frozenset[str] = frozenset()
         # How each compared with the images so far, by name.
         self.experience: dict[str, Experience] = {}
@@ -189,7 +189,7 @@ class SensorSuite:
         list of Measurement
             With estimated standard deviations where none is declared.
         """
-        turn = self._rotation_or_seen(start_s, end_s, None if previous is None else previous.T @ rotation)
+        turn = self._turns_or_seen(start_s, end_s, None if previous is None else previous.T @ rotation)
         found = [
             sensor.measure(start_s, end_s, rotation, turn)
             if isinstance(sensor, Odometer)
@@ -213,13 +213,13 @@ class SensorSuite:
         Not those whose own stream is in doubt there: a warning names them already. Where the map was
         `moved_back` to positions, it was not these that were wrong.
         """
-        self.in_conflict = frozenset(s.name for s in fused.selections if s.conflict.conflicting)
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
                 known = self._experience_of(selection.name)
                 known.add(selection.conflict, stretch)
                 if moved_back and constraint.measurement.kind in PLACE_KINDS:
                     known.explain()
+        self.in_conflict = frozenset(name for name, known in self.experience.items() if known.is_denied)
 
     def set_clocks(self, vision: Trajectory | None = None) -> list[str]:
         """Set the clocks of gyroscopes by the rotations of the camera, where these determine them.
@@ -362,12 +362,14 @@ class SensorSuite:
 
         A lever arm needs the rotation start_from_end of the camera: that of a gyroscope, else `turn` (3, 3).
         """
-        turn = self._rotation_or_seen(start_s, end_s, turn)
+        turn = self._turns_or_seen(start_s, end_s, turn)
         return _first_not_none(s.between(start_s, end_s, turn) for s in self.of_type(Odometer))
 
-    def _rotation_or_seen(self, start_s: float, end_s: float, seen: FloatArray | None) -> FloatArray | None:
-        turn = self.rotation(start_s, end_s)
-        return seen if turn is None else turn
+    def _turns_or_seen(self, start_s: float, end_s: float, seen: FloatArray | None) -> FloatArray | None:
+        """Rotations (n, 3, 3) of the camera from the start to each of the stops on the way; else `seen`."""
+        stops_s = stops_on_the_way(start_s, end_s)
+        turns = [turn for stop_s in stops_s if (turn := self.rotation(start_s, stop_s)) is not None]
+        return np.stack(turns) if len(turns) == len(stops_s) else seen
 
     def rotation(self, start_s: float, end_s: float) -> FloatArray | None:
         """Rotation (3, 3) start_from_end of the camera, by a gyroscope that agrees with the images."""

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Mounting, camera_displacement, travelled_distance
+from sfmcpp.sensors.odometer import displacement_along
 from sfmcpp.slam import Gyroscope, Odometer
 from sfmcpp.slam.sensor_suite import SensorSuite
 
@@ -115,3 +116,17 @@ def test_a_drone_that_spins_goes_straight_on() -> None:
     velocities = turns.inv().apply([4.0, 1.0, 0.5])
     found = step_of(velocities, t_s, turns[-1].as_matrix())
     assert found == pytest.approx([4.0, 1.0, 0.5], rel=1e-3)
+
+
+def test_a_body_that_turns_for_half_of_the_time_gets_where_its_parts_get() -> None:
+    """Straight ahead for 0.4 s, then on the circle for 0.6 s; turning evenly it would get elsewhere."""
+    straight_s = 1.0 - END_S
+    turns = np.stack([np.eye(3), np.eye(3), *(_turn_after(k * straight_s / 2) for k in (1, 2, 3))])
+    found = displacement_along(streams()[0], 0.0, 1.0, AHEAD, turns)
+    truth = displacement() + np.array([0.0, 0.0, SPEED_M_S * straight_s])
+    assert found == pytest.approx(truth, rel=1e-9)
+    assert camera_displacement(streams()[0], 0.0, 1.0, AHEAD, turns[-1]) != pytest.approx(truth, rel=0.01)
+
+
+def _turn_after(turning_s: float) -> np.ndarray:
+    return AHEAD.camera_rotation(Rotation.from_rotvec([0.0, 0.0, YAW_RAD_S * turning_s]).as_matrix())

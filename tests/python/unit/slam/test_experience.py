@@ -193,3 +193,16 @@ def test_distances_reach_the_keyframes_before_the_map_had_metres() -> None:
     assert unconstrained.constraints == []
     assert all([c.measurement.sensor for c in k.constraints] == ["odometer"] for k in others)
     assert min(c.weight for k in others for c in k.constraints) > 0
+
+
+@pytest.mark.parametrize(
+    ("conflicts", "denied"),
+    [([4.0], False), ([4.0] * 3, False), ([3.1] * 6, True), ([9.0], True), ([4.0] * 6 + [0.5], False)],
+)
+def test_a_sensor_is_denied_by_conflicts_that_last_or_are_strong_to_the_latest_keyframe(
+    conflicts: list[float], denied: bool
+) -> None:
+    known = Experience()
+    for sigmas in [0.5] * 20 + conflicts:
+        known.add(report(sigmas), STEP)
+    assert known.is_denied == denied
