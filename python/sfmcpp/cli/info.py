@@ -303,6 +303,8 @@ def _streams(streams: Iterable[SensorStream]) -> Iterator[Fact]:
         count = len(stream.gaps())
         gaps = f", {count:,} gap{'s' * (count > 1)}" if count else ""
         yield name, f"{stream.kind.replace('_', ' ')}: {_span(stream.t_s)}{gaps}"
+        if stream.left_out:
+            yield "left out", f"of {stream.kind.replace('_', ' ')}: {stream.left_out}"
 
 
 def _control_points(source: Path) -> Iterator[Fact]:

@@ -21,10 +21,13 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.checks import require_count, require_fraction, require_positive
 
 _SAMPLE_SIZE = 5
+_CONFIDENCE = 0.9999
 # Chosen on the pairs of frames 3 m apart of six KITTI drives: of 20 poses turned wrongly by more than 5° it
 # names 19, at the price of refusing 60 of 482 that are right within 2°.
 _LOG_LIKELIHOOD_MARGIN = 10.0
 _SAME_POSE_DEG = 3.0
+# Baselines of one pose with little parallax; those of the two poses that a plane leaves are farther apart.
+_SAME_BASELINE_DEG = 30.0
 # Part of the squared threshold that errors of exact matches are lifted to, so that likelihoods stay finite.
 _EXACT = 1e-6
 # Share of the matches that move less than the parallax that is told of a camera which may stand.
@@ -61,7 +64,7 @@ def relative_pose(
     min_inliers: int = 15,
     min_inlier_ratio: float = 0.2,
     min_parallax_px: float = 2.0,
-    confidence: float = 0.9999,
+    confidence: float = _CONFIDENCE,
     max_iterations: int = 10_000,
     seed: int = 0,
 ) -> RelativePose:
@@ -213,6 +216,42 @@ def likely_cameras(
     best = int(np.argmax(scores))
     likely = scores >= scores[best] - _LOG_LIKELIHOOD_MARGIN
     return cameras[best], cameras[likely & (_rotation_angles_deg(cameras, cameras[best]) > _SAME_POSE_DEG)]
+
+
+def denying_pose(
+    pixels_1: FloatArray,
+    pixels_2: FloatArray,
+    intrinsics: FloatArray,
+    camera: FloatArray,
+    *,
+    threshold_px: float = 1.0,
+    min_parallax_px: float = 2.0,
+    max_iterations: int = 10_000,
+    seed: int = 0,
+) -> FloatArray | None:
+    """Second camera (3, 4), ‖c‖ = 1, of matches that rule `camera` (3, 4) out; None if they do not.
+
+    A plane leaves two poses, with baselines far apart. One has a part of the plane behind it, which images
+    that are near each other share, and those farther apart may not. The options are those of
+    :func:`relative_pose`.
+    """
+    found = relative_pose(
+        pixels_1,
+        pixels_2,
+        intrinsics,
+        threshold_px=threshold_px,
+        min_parallax_px=min_parallax_px,
+        max_iterations=max_iterations,
+        seed=seed,
+    )
+    if not found.success:
+        return None
+    matches = checked_matches(pixels_1, pixels_2, intrinsics, None)
+    options = RansacOptions(threshold_px, _CONFIDENCE, max_iterations, seed)
+    near = refined_relative_camera(*matches.select(found.inliers).arrays, camera, options)
+    denied, right = (_log_likelihood(matches, c, threshold_px) for c in (near, found.camera))
+    is_elsewhere = near[:, 3] @ found.camera[:, 3] < math.cos(math.radians(_SAME_BASELINE_DEG))
+    return found.camera if is_elsewhere and right - denied > _LOG_LIKELIHOOD_MARGIN else None
 
 
 def ambiguity_message(camera: FloatArray, rivals: FloatArray) -> str:

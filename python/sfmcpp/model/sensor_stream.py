@@ -228,6 +228,8 @@ class SensorStream:
     max_gap_s : float, optional
         Longest gap that is bridged, and how far beyond either end the motion is predicted [s]. Default: five
         times the median period.
+    left_out : str, optional
+        What the reader of a file left out of it, in words; a warning of every run that uses the stream.
 
     Raises
     ------
@@ -241,6 +243,7 @@ class SensorStream:
     kind: str
     name: str = ""
     max_gap_s: float = None  # type: ignore[assignment]
+    left_out: str = ""
 
     if TYPE_CHECKING:  # what is given need not be what is held
 
@@ -251,11 +254,12 @@ class SensorStream:
             kind: str,
             name: str = "",
             max_gap_s: float | None = None,
+            left_out: str = "",
         ) -> None: ...
 
     def __post_init__(self) -> None:
         kind = sensor_kind(self.kind)
-        check_fields(self, "name")
+        check_fields(self, "name", "left_out")
         object.__setattr__(self, "name", self.name or self.kind)
         try:
             self._check(kind)

@@ -159,7 +159,7 @@ def local_positions(stream: SensorStream, origin: ArrayLike | None = None) -> Se
     require_kind(stream, "geodetic")
     start = stream.values[0] if origin is None else finite_array("origin", origin, (3,))
     local = east_north_up(stream.values, start)
-    return SensorStream(stream.t_s, local, "position", stream.name, stream.max_gap_s)
+    return replace(stream, values=local, kind="position")
 
 
 def east_north_up(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:

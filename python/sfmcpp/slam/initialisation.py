@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from sfmcpp.geometry import RelativePose, relative_pose, relative_pose_of_rotation, so3
+from sfmcpp.geometry.relative_pose import denying_pose
 from sfmcpp.model import ConstraintGroup, Problem
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
@@ -52,6 +53,9 @@ _FREEDOM_OF_CAMERAS = 11
 _LEFT_BY_ROTATION_PX = 2.0
 # So many times the parallax of other starts; a few matches of a car that turns come to 2.5 times.
 _LONG_WAY = 4.0
+# Where frames may deny a start, from its first frame on: the nearer to it, the less parallax, but the more of
+# a plane that the last frame has lost is in them.
+_BETWEEN = (1 / 2, 3 / 8, 1 / 4)
 # Frames kept while the camera stands still: beyond, the oldest are dropped.
 _MOST_FRAMES = 1000
 
@@ -130,22 +134,63 @@ class Initialiser:
         return shared < _RUNNING_OUT * self._settings.min_inliers
 
     def _map_of(self, before: FloatArray, after: FloatArray) -> WorldMap | None:
-        settings, first, last = self._settings, self.frames[0], self.frames[-1]
-        found = self._pose_of_last(before, after)
-        if found is None:
+        first, last = self.frames[0], self.frames[-1]
+        at_last = self._pose_of_last(before, after)
+        if at_last is None:
             return None
-        pair = self._map([(first, np.eye(3, 4)), (last, found)])
-        triangulate_new(pair, settings)
         middle = self.frames[(len(self.frames) - 1) // 2]
-        located = locate(pair, middle.view, settings, expected_rotation(pair, self._sensors, middle.t_s))
-        if located is None:
-            self.reason = f"frame {middle.number} between the first keyframes has no pose"
+        pair = self._pair(last, at_last)
+        at_middle = self._located(pair, middle)
+        if at_middle is None:
             return None
-        world = self._map([(first, np.eye(3, 4)), (middle, located.pose), (last, found)])
+        if (denying := self._denied_between(pair)) is not None:
+            middle, at_middle = denying
+            pair = self._pair(middle, at_middle)
+            at_last = self._located(pair, last)
+            if at_last is None:
+                return None
+        world = self._map([(first, np.eye(3, 4)), (middle, at_middle), (last, at_last)])
         tracks = np.flatnonzero(pair.known)
         world.points[tracks] = pair.points[tracks]
         self._constrain(world)
         return world if self._adjusted(world) else None
+
+    def _pair(self, frame: Frame, pose: FloatArray) -> WorldMap:
+        """Map of the first frame and another one at `pose` (3, 4)."""
+        world = self._map([(self.frames[0], np.eye(3, 4)), (frame, pose)])
+        triangulate_new(world, self._settings)
+        return world
+
+    def _located(self, pair: WorldMap, frame: Frame) -> FloatArray | None:
+        """Pose (3, 4) of a frame in the map of two others; None if it has none."""
+        rotation = expected_rotation(pair, self._sensors, frame.t_s)
+        located = locate(pair, frame.view, self._settings, rotation)
+        if located is None:
+            self.reason = f"frame {frame.number} beside the first keyframes has no pose"
+            return None
+        return located.pose
+
+    def _denied_between(self, pair: WorldMap) -> tuple[Frame, FloatArray] | None:
+        """A frame between those of a pair that denies its pose there, and the pose (3, 4) that it has."""
+        for part in _BETWEEN:
+            frame = self.frames[int((len(self.frames) - 1) * part)]
+            pose = self._located(pair, frame)
+            if pose is not None and (denying := self._denying_pose(frame, pose)) is not None:
+                return frame, denying
+        return None
+
+    def _denying_pose(self, frame: Frame, pose: FloatArray) -> FloatArray | None:
+        """Another pose (3, 4) of a frame whose matches with the first one rule `pose` out; None of others."""
+        in_first, in_frame = common(self.frames[0].view, frame.view)
+        pixels = self.frames[0].view.pixels[in_first], frame.view.pixels[in_frame]
+        return denying_pose(
+            *pixels,
+            self._intrinsics,
+            pose,
+            min_parallax_px=_LEFT_BY_ROTATION_PX,
+            max_iterations=RANSAC_ITERATIONS,
+            seed=self._settings.seed,
+        )
 
     def _pose_of_last(self, before: FloatArray, after: FloatArray) -> FloatArray | None:
         """Pose (3, 4) of the last frame in the first, with the gyroscope's rotation if the images support it.

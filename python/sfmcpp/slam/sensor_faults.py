@@ -28,11 +28,16 @@ _MOST_STRETCHES = 3
 
 
 def faults_of_streams(sensors: SensorSuite) -> list[str]:
-    """Faults that the streams show by themselves: gaps, and values that jump as no motion can."""
+    """Faults that the streams show by themselves: gaps, what lacks, and values that jump as no motion can."""
+    lacking = [
+        f"stream {s.stream.name!r}: left out {s.stream.left_out}"
+        for s in sensors.sensors
+        if s.stream.left_out
+    ]
     jumps = [found for odometer in sensors.of_type(Odometer) for found in _speed_jumps(odometer)]
     jumps += [found for s in sensors.sensors if isinstance(s, Gps | Ins) for found in s.remarks()]
     jumps += [found for s in sensors.given if has_rates(s) for found in describe_spikes(s.stream)]
-    return describe_gaps([sensor.stream for sensor in sensors.sensors]) + jumps
+    return lacking + describe_gaps([sensor.stream for sensor in sensors.sensors]) + jumps
 
 
 def faults_of_epochs(sensors: SensorSuite, time_s: float) -> list[str]:

@@ -22,7 +22,7 @@ def seconds_of_iso(text: str) -> float | None:
     offset = timedelta(hours=int(found["hours"] or 0), minutes=int(found["minutes"] or 0))
     try:
         moment = datetime.fromisoformat(f"{found['day']}T{found['clock']}").replace(tzinfo=timezone.utc)
-    except ValueError:  # there is no such day, or hour
+        whole = (moment - offset * (-1 if found["sign"] == "-" else 1)).timestamp()
+    except (ValueError, OverflowError):  # no such day or hour; the offset leads out of the years 1 to 9999
         return None
-    whole = (moment - offset * (-1 if found["sign"] == "-" else 1)).timestamp()
     return whole + float((found["fraction"] or ".0").replace(",", "."))

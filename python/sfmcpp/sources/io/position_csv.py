@@ -24,6 +24,7 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.csv_text import finite_number, numbered_lines, with_decimal_points
+from sfmcpp.sources.io.missing_values import is_missing
 from sfmcpp.sources.io.named_positions import NamedBy, NamedPositions
 from sfmcpp.sources.io.position_columns import (
     NumberedLine,
@@ -48,8 +49,8 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     ----------
     path : path-like
         The file: columns ``name``, and ``lat lon height`` or ``x y z``, in any order; standard deviations
-        where it has them; other columns are left alone. A line whose position is empty is an image without
-        one.
+        where it has them; other columns are left alone. A line whose position is empty, or ``NaN`` or
+        another word for no value, is an image without one.
     numbered : bool
         Whether a file without names is taken: by a column ``index``, from 0, or else line by line.
 
@@ -82,7 +83,8 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     found: dict[str, Triple] = {}
     sigmas: dict[str, Triple] = {}
     for count, (number, cells) in enumerate(rows):
-        if not any(cells[column.place] for column in columns.axes):
+        axes = [cells[column.place] for column in columns.axes]
+        if all(not cell or is_missing(cell) for cell in axes):
             continue
         name = _name_of_line(source, number, columns, count, cells)
         if name in found:

@@ -72,6 +72,11 @@ class Column:
     factor: float
 
 
+def groups_of(kind: str) -> set[str]:
+    """All groups of columns that may give a kind of measurement."""
+    return {group for way in _GROUPS_OF_KIND.get(kind, ((kind,),)) for group in way}
+
+
 def columns_of(kind: str) -> str:
     """Names of the columns that give a kind of measurement, in words."""
     groups = _GROUPS_OF_KIND.get(kind, ((kind,),))

@@ -7,15 +7,17 @@ For example::
     0.04,36.0,,,
 
 A cell left empty is a measurement that was not made at that time: sensors of different rates can share a
-file. Cells may be apart by ``;`` or tabs, then with decimal commas, too, and between double quotes. Columns
-of other names are left out, and so are lines that start with ``#``, but for a header that does. Times may be
-those of ISO 8601, without a unit. EuRoC's ``imu0/data.csv`` is read as it is.
+file, and have lines of their own. Where a cell is ``NaN``, ``NA`` or another word for no value, the
+measurement is left out, and its stream tells of it; so is one that is repeated with its time. Cells may be
+apart by ``;`` or tabs, then with decimal commas, too, and between double quotes. Columns of other names are
+left out, and so are lines that start with ``#``, but for a header that does. Times may be those of ISO 8601,
+without a unit. EuRoC's ``imu0/data.csv`` is read as it is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from numbers import Real
@@ -27,7 +29,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.geometry.so3 import angle_axis_from_rotation, rotation_from_quaternion
 from sfmcpp.model import SensorStream
-from sfmcpp.model.arrays import FloatArray, finite_array
+from sfmcpp.model.arrays import BoolArray, FloatArray, finite_array
 from sfmcpp.model.sensor_stream import ImplausibleSample
 from sfmcpp.sources.io.csv_text import (
     cells_of,
@@ -38,6 +40,7 @@ from sfmcpp.sources.io.csv_text import (
     with_decimal_points,
 )
 from sfmcpp.sources.io.iso_times import seconds_of_iso
+from sfmcpp.sources.io.missing_values import Line, without_missing
 from sfmcpp.sources.io.number_text import number_of
 from sfmcpp.sources.io.sensor_columns import (
     ADVICE,
@@ -45,6 +48,7 @@ from sfmcpp.sources.io.sensor_columns import (
     HEADER,
     KNOWN,
     Column,
+    groups_of,
     is_foreign,
     parse_column,
 )
@@ -57,8 +61,8 @@ _LEFT_OUT = "-"  # a header that is the name of nothing
 _LINE = "line"
 
 Table = dict[str, FloatArray]
-# A line by its number, as cells.
-_Line = tuple[int, list[str]]
+# Lines on which a group of columns has no value, by the group.
+_Missing = Mapping[str, Sequence[int]]
 
 
 def read_sensor_csv(
@@ -92,8 +96,8 @@ def read_sensor_csv(
     ------
     DatasetError
         If the file cannot be read; no column is known; one lacks its unit or its companions; a cell is no
-        finite number; the times do not increase; or a stream breaks a rule of :class:`SensorStream`, such as
-        a unit that cannot be right.
+        finite number; the times of a stream do not increase; or a stream breaks a rule of
+        :class:`SensorStream`, such as a unit that cannot be right.
     InvalidArgument
         If a key of `columns` is no column with its unit, or two are of one column; if a value is no text or
         number, or a number for all times.
@@ -105,9 +109,9 @@ def read_sensor_csv(
     _name_unit_of_iso_times(headers, rows)
     constants = [column for column in asked if not _renamed(source, number, headers, column)]
     known = _columns(source, number, headers, [column.column.name for column in constants])
-    cells = _cells(source, known, rows, constants)
+    cells, missing = _cells(source, known, rows, constants)
     try:
-        streams = _streams(source, cells, max_gap_s)
+        streams = _streams(source, cells, missing, max_gap_s)
         return {kind: stream.shifted(clock_offset_s) for kind, stream in streams.items()}
     except InvalidArgument as error:
         raise DatasetError(source, str(error)) from error
@@ -176,7 +180,7 @@ def _renamed(path: Path, number: int, headers: list[str], asked: _Asked) -> bool
     return place is not None
 
 
-def _name_unit_of_iso_times(headers: list[str], rows: list[_Line]) -> None:
+def _name_unit_of_iso_times(headers: list[str], rows: list[Line]) -> None:
     """Where cells below a header of times without a unit are times in ISO 8601, these make seconds."""
     first = rows[0][1] if rows else []
     for place, (header, cell) in enumerate(zip(headers, first, strict=False)):
@@ -222,7 +226,7 @@ def left_out_columns(path: Path) -> list[str]:
     return [column for column in headers if column and is_foreign(column)]
 
 
-def _split(path: Path) -> tuple[_Line, list[_Line]]:
+def _split(path: Path) -> tuple[Line, list[Line]]:
     """The header, which may begin as comments do, and the lines that do not."""
     lines = list(numbered_lines(path))
     is_comment = [line.lstrip().startswith("#") for _, line in lines]
@@ -241,27 +245,26 @@ def _holds_number(path: Path, line: tuple[int, str]) -> bool:
     return any(math.isfinite(number_of(cell)) for cell in cells_of(path, *line, separator_of(line[1])))
 
 
-def _cells(path: Path, columns: list[Column | None], lines: list[_Line], constants: list[_Asked]) -> Table:
-    """Columns by name, in our units, NaN where a cell is empty."""
-    numeric = [place for place, column in enumerate(columns) if column is not None]
+def _cells(
+    path: Path, columns: list[Column | None], lines: list[Line], constants: list[_Asked]
+) -> tuple[Table, _Missing]:
+    """Columns by name, in our units, NaN where a cell has no value; and where it says so in a word."""
     for number, cells in lines:
         if len(cells) < len(columns) or any(cells[len(columns) :]):
             rule = f"must be {len(columns)}; where commas are decimal, cells are separated by ';' or tabs"
             raise DatasetError(path, f"the line holds {len(cells)} cells: {rule}", number)
-    pointed = with_decimal_points(path, lines, numeric)
+    numeric = {place: column.group for place, column in enumerate(columns) if column is not None}
+    groups = {g: [place for place in numeric if numeric[place] == g] for g in {*numeric.values()} - {"time"}}
+    whole, missing = without_missing(lines, groups)
+    pointed = with_decimal_points(path, whole, [*numeric])
     rows = [_row(path, number, cells, columns) for number, cells in pointed]
     if not rows:
         raise DatasetError(path, "holds no measurements")
     named = [column.name for column in columns if column is not None]
     table = dict(zip(named, np.array([row for _, row in rows]).T, strict=True))
     table = _with_constants(table, constants)
-    late = np.flatnonzero(np.diff(table["t"]) <= 0)
-    if len(late):
-        row = int(late[0]) + 1
-        reason = f"time {table['t'][row]:.9f} s after {table['t'][row - 1]:.9f} s: must increase"
-        raise DatasetError(path, reason, rows[row][0])
     _require_whole_groups(path, table, [number for number, _ in rows])
-    return table | {_LINE: np.array([number for number, _ in rows])}
+    return table | {_LINE: np.array([number for number, _ in rows])}, missing
 
 
 def _row(path: Path, number: int, cells: list[str], columns: list[Column | None]) -> tuple[int, list[float]]:
@@ -292,7 +295,7 @@ def _require_whole_groups(path: Path, table: Table, numbers: list[int]) -> None:
             raise DatasetError(path, reason, numbers[int(np.argmax(torn))])
 
 
-def _streams(path: Path, table: Table, max_gap_s: float | None) -> dict[str, SensorStream]:
+def _streams(path: Path, table: Table, missing: _Missing, max_gap_s: float | None) -> dict[str, SensorStream]:
     values: dict[str, FloatArray] = {
         group: _group(table, group) for group in ("speed", "distance", "velocity", "angular_rate", "position")
     }
@@ -300,15 +303,46 @@ def _streams(path: Path, table: Table, max_gap_s: float | None) -> dict[str, Sen
     if values["position"].size and values["orientation"].size:
         values["pose"] = np.hstack([values.pop("position"), values.pop("orientation")])
     values["geodetic"] = _geodetic(path, table)
-    return {kind: _stream(path, table, v, kind, max_gap_s) for kind, v in values.items() if v.size}
+    given = {kind: v for kind, v in values.items() if v.size and not np.isnan(v).any(axis=1).all()}
+    if not given:
+        raise DatasetError(path, "holds no measurements")
+    return {kind: _stream(path, table, v, kind, missing, max_gap_s) for kind, v in given.items()}
 
 
-def _stream(path: Path, table: Table, values: FloatArray, kind: str, max_gap_s: float | None) -> SensorStream:
-    given = ~np.isnan(values).any(axis=1)
+def _stream(
+    path: Path, table: Table, values: FloatArray, kind: str, missing: _Missing, max_gap_s: float | None
+) -> SensorStream:
+    given = np.flatnonzero(~np.isnan(values).any(axis=1))
+    repeated = _repeated(np.column_stack([table["t"], values])[given])
+    kept, again = given[~repeated], table[_LINE][given[repeated]]
+    t_s, line = table["t"][kept], table[_LINE][kept]
+    _require_increasing(path, kind, t_s, line)
+    empty = sorted({number for group in groups_of(kind) for number in missing.get(group, ())})
+    left_out = _told("without a value", empty) + _told("like the one before", again.tolist())
     try:
-        return SensorStream(table["t"][given], values[given], kind, kind, max_gap_s)
+        return SensorStream(t_s, values[kept], kind, kind, max_gap_s, " and ".join(left_out))
     except ImplausibleSample as error:
-        raise DatasetError(path, str(error), int(table[_LINE][given][error.sample])) from error
+        raise DatasetError(path, str(error), int(line[error.sample])) from error
+
+
+def _repeated(rows: FloatArray) -> BoolArray:
+    """Which of the rows (n, k) are the one before, to the last bit: a logger that writes lines twice."""
+    return np.concatenate([np.zeros(1, dtype=np.bool_), (rows[1:] == rows[:-1]).all(axis=1)])
+
+
+def _require_increasing(path: Path, kind: str, t_s: FloatArray, lines: FloatArray) -> None:
+    late = np.flatnonzero(np.diff(t_s) <= 0)
+    if not len(late):
+        return
+    before, row = int(late[0]), int(late[0]) + 1
+    told = f"{kind} at {t_s[row]:.9f} s after {t_s[before]:.9f} s in line {int(lines[before])}"
+    same = "; of several measurements at one time, keep one" if t_s[row] == t_s[before] else ""
+    raise DatasetError(path, f"{told}: time must increase{same}", int(lines[row]))
+
+
+def _told(what: str, lines: list[int]) -> list[str]:
+    """How many lines are left out, and the first, in words; nothing for none."""
+    return [f"{len(lines)} line{'s' * (len(lines) > 1)} {what}, first line {lines[0]}"] if lines else []
 
 
 def _group(table: Table, group: str) -> FloatArray:

@@ -36,7 +36,11 @@ def test_a_time_is_that_of_numpy(text: str, of_numpy: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "12.5", "2024-05-01", "2023-02-29 10:00:00", "2024-05-01 25:00:00", "x"]
+    "text",
+    [
+        *("", "12.5", "2024-05-01", "2023-02-29 10:00:00", "2024-05-01 25:00:00", "x"),
+        *("0001-01-01 00:00:00+05:00", "9999-12-31 23:59:59-05:00"),  # outside of the calendar at Greenwich
+    ],
 )
 def test_another_text_is_none(text: str) -> None:
     assert seconds_of_iso(text) is None
