@@ -13,6 +13,7 @@ from sfmcpp.geometry.pinhole import homogeneous, to_normalised
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import Frame, common
+from sfmcpp.model.rigs import composed
 from sfmcpp.slam.fusion import usual_weights
 from sfmcpp.slam.localisation import LEAST_PARALLAX_PX, RANSAC_ITERATIONS, SAME_TURN_RAD
 from sfmcpp.slam.result import SlamResult
@@ -81,9 +82,8 @@ class Follower:
             return Step(_moved_by(pose, measured), moved, stood)
         if moved and length is None:
             length = self.usual_depth(result) / _depth_of_step(found, before, here, self._intrinsics)
-        rotation = pose[:, :3] @ found.camera[:, :3]
-        centre = pose[:, 3] + (length if moved and length else 0.0) * pose[:, :3] @ found.camera[:, 3]
-        return Step(np.column_stack([rotation, centre]), moved, stood)
+        way = (length if moved and length else 0.0) * found.camera[:, 3]
+        return Step(_moved_by(pose, np.column_stack([found.camera[:, :3], way])), moved, stood)
 
     def predict(self, frame: Frame, result: SlamResult) -> FloatArray:
         """Pose by the sensors, else at constant velocity (thesis eqs 1.1–1.3)."""
@@ -172,7 +172,7 @@ def _depth_of_step(found: RelativePose, before: FloatArray, here: FloatArray, ro
 
 def _moved_by(pose: FloatArray, step: FloatArray) -> FloatArray:
     """Pose (3, 4) world_from_camera after a motion (3, 4) start_from_end."""
-    return np.column_stack([pose[:, :3] @ step[:, :3], pose[:, 3] + pose[:, :3] @ step[:, 3]])
+    return np.asarray(composed(pose[None], step[None])[0])
 
 
 def _predicted_step(guess: FloatArray, now: FloatArray, distance: float | None) -> FloatArray:

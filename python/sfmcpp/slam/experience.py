@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 import numpy as np
 
@@ -110,11 +111,13 @@ class Experience:
     @property
     def is_denied(self) -> bool:
         """Whether the latest keyframes contradict it for so long, or so strongly, that it is no chance."""
+        backwards = (k for k in reversed(range(len(self.reports))) if _is_judged(self.reports, k))
+        latest = [*takewhile(lambda k: self.reports[k].conflicting, backwards)][::-1]
+        if not latest:  # as a rule: this is asked at every keyframe
+            return False
         judged = _judged(self.reports)
-        first = len(judged)
-        while first and self.reports[judged[first - 1]].conflicting:
-            first -= 1
-        return _is_no_chance(self.reports, judged[first:], judged)
+        power = _strength(self.reports, latest, _usual_sigmas(self.reports, judged))
+        return _is_no_chance(len(latest), power, len(judged))
 
     @property
     def denied(self) -> Gap | None:
@@ -154,38 +157,43 @@ def _worst_conflict(reports: list[ConflictReport], explained: set[int]) -> list[
             stretches[-1].append(k)
         elif stretches[-1]:
             stretches.append([])
+    usual = _usual_sigmas(reports, judged)
     conflicts = [
-        (not explained.issuperset(stretch), _strength(reports, stretch, judged), stretch)
+        (not explained.issuperset(stretch), power, stretch)
         for stretch in stretches
-        if _is_no_chance(reports, stretch, judged)
+        if _is_no_chance(len(stretch), power := _strength(reports, stretch, usual), len(judged))
     ]
     return max(conflicts)[2] if conflicts else []
 
 
-def _is_no_chance(reports: list[ConflictReport], stretch: list[int], judged: list[int]) -> bool:
-    """Whether conflicts in a row, of the `judged` reports, are more or stronger than chance explains."""
-    fewest, strong = _limits(len(judged))
-    return len(stretch) >= fewest or _strength(reports, stretch, judged) >= strong
+def _is_no_chance(in_a_row: int, power: float, judged: int) -> bool:
+    """Whether conflicts in a row, of such strength, are more than chance makes of so many reports."""
+    fewest, strong = _limits(judged)
+    return in_a_row >= fewest or power >= strong
 
 
-def _strength(reports: list[ConflictReport], stretch: list[int], judged: list[int]) -> float:
-    """Sum of the squares of conflicts in a row, in units of what is usual on the run."""
-    sigmas = np.array([report.sigmas for report in reports])
-    median = float(np.median(sigmas[judged])) if judged else 0.0
-    usual = float(np.clip(median / _MEDIAN_SIGMAS, 1.0, _LARGEST_USUAL))
-    return float(np.sum((sigmas[stretch] / usual) ** 2))
+def _usual_sigmas(reports: list[ConflictReport], judged: list[int]) -> float:
+    """What a standard deviation of the `judged` reports really is on the run; at least one."""
+    median = float(np.median([reports[k].sigmas for k in judged])) if judged else 0.0
+    return float(np.clip(median / _MEDIAN_SIGMAS, 1.0, _LARGEST_USUAL))
+
+
+def _strength(reports: list[ConflictReport], stretch: list[int], usual: float) -> float:
+    """Sum of the squares of conflicts in a row, in units of what is usual."""
+    return float(np.sum((np.array([reports[k].sigmas for k in stretch]) / usual) ** 2))
 
 
 def _judged(reports: list[ConflictReport]) -> list[int]:
-    """Places of the reports that count: of enough points, which have not lost their scale just before."""
-    judged, lost = [], -np.inf
-    for k, report in enumerate(reports):
-        if report.observations < _LOST_POINTS:
-            lost = k
-        has_scale = report.unit != "m" or k - lost > _RESTORED_AFTER
-        if has_scale and report.observations >= _FEWEST_POINTS:
-            judged.append(k)
-    return judged
+    """Places of the reports that count."""
+    return [k for k in range(len(reports)) if _is_judged(reports, k)]
+
+
+def _is_judged(reports: list[ConflictReport], k: int) -> bool:
+    """Whether a report is of enough points, which have not lost their scale just before."""
+    if reports[k].observations < _FEWEST_POINTS:
+        return False
+    just_before = reports[max(k - _RESTORED_AFTER, 0) : k + 1]
+    return reports[k].unit != "m" or all(report.observations >= _LOST_POINTS for report in just_before)
 
 
 def _limits(count: int) -> tuple[float, float]:
