@@ -87,7 +87,6 @@ inline void add_to(double* out, const RowSums<D, kFirst, kWidth>& sums) {
 // Blocks follow one another in memory, but processors fetch them too late: of 10,000 cameras,
 // products take 0.7 of the time when asked for so many numbers ahead. The vectors lie anywhere.
 constexpr int kNumbersAhead = 1296;
-constexpr int kNumbersOfLine = 64 / sizeof(float);
 
 template <int D>
 void add_row(int n,
@@ -111,7 +110,7 @@ void add_row(int n,
     }
     const long j = column[k];
     const float* block = blocks + static_cast<long>(D) * D * k;
-    for (int b = 0; b < D * D; b += kNumbersOfLine) __builtin_prefetch(block + kNumbersAhead + b);
+    prefetch_numbers<D * D>(block + kNumbersAhead);
     multiply(block, x + D * j, of_row, sums, middle, out + D * (j - first));
   }
   double of_blocks[D] = {};

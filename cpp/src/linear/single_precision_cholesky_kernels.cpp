@@ -31,18 +31,13 @@ SFMCPP_INLINE void add_transposed_product(const Number* columns, Rows x, Rows* t
 // Of many factors each comes from memory, and is in the cache on the way back.
 constexpr int kBlocksAhead = 16;
 
-SFMCPP_INLINE void prefetch(const float* block) {
-  constexpr int kNumbersOfLine = 64 / sizeof(float);
-  for (int k = 0; k < kFactorBlockArea; k += kNumbersOfLine) __builtin_prefetch(block + k);
-}
-
 void solve_forward(const SinglePrecisionFactor& factor, double* x) {
   for (int row = 0; row < factor.blocks; ++row) {
     double* here = x + kFactorBlockSize * row;
     Rows even(0.0), odd(0.0), solved(0.0), rest(0.0);
     for (int column = 0; column < row; ++column) {
       const float* left = block(factor, row, column);
-      prefetch(left + kBlocksAhead * kFactorBlockArea);
+      prefetch_numbers<kFactorBlockArea>(left + kBlocksAhead * kFactorBlockArea);
       add_product(left, x + kFactorBlockSize * column, even, odd);
     }
     store(here, load<kFactorBlockSize>(here) - (even + odd));

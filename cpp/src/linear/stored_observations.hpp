@@ -21,8 +21,7 @@ struct Stored {
   const T* j(long a) const { return by_camera + a * 2 * D; }
   const PointRecordOf<T>& record(long a) const { return records[a]; }
   SFMCPP_INLINE void prefetch(long a) const {
-    constexpr int kLine = 64 / sizeof(T);
-    for (int k = 0; k < 2 * D; k += kLine) __builtin_prefetch(j(a) + k);
+    prefetch_numbers<2 * D>(j(a));
     __builtin_prefetch(records + a);
   }
 };

@@ -10,6 +10,13 @@ namespace sfmcpp {
 // too: GCC takes it for a function without effect, and drops the calls that are not inlined.
 #define SFMCPP_INLINE [[gnu::always_inline]] inline
 
+// So many numbers in memory, by the lines of a cache.
+template <int kNumbers, class T>
+SFMCPP_INLINE void prefetch_numbers(const T* first) {
+  constexpr int kNumbersOfLine = 64 / sizeof(T);
+  for (int k = 0; k < kNumbers; k += kNumbersOfLine) __builtin_prefetch(first + k);
+}
+
 // The compiler's vector types; GCC drops the attribute from a type that depends on a parameter. A
 // vector of one lane it would keep in memory: that is a number.
 template <int W>
