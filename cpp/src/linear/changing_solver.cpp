@@ -1,8 +1,8 @@
 // The number of conjugate gradient iterations of a step cannot be predicted from counts of the
 // problem. So an iterative solver that was chosen for its expected cost is compared with what its
-// steps really take: once another solver would have been cheaper, that one takes over. The decision
-// is by counts at reference rates, and hence the same on every rank, for every run and number of
-// threads.
+// steps really take: once they have lost too much against another solver, that one takes over. The
+// decision is by counts at reference rates, and hence the same on every rank, for every run and
+// number of threads.
 #include <algorithm>
 #include <limits>
 
@@ -12,10 +12,11 @@
 namespace sfmcpp::linear {
 namespace {
 
-// Another solver must promise this much less: changing is not free, nor are predictions exact.
-constexpr double kWorthwhile = 0.8;
-// A step may cost so many times what the other solver's would, before it is cut short.
-constexpr double kPatience = 1.5;
+// Steps may cost that many steps of the other solver more than these, in all, before it takes over:
+// one slow step says little of the next (photo collections: 91 iterations, then 4 and 3).
+constexpr double kPatience = 0.4;
+// One step alone so many, before it is cut short: more than the patience, so that it is the last.
+constexpr double kLongestStep = 1.5;
 constexpr int kLeastIterations = 20;
 
 class ChangingSolver final : public LinearSolver {
@@ -79,15 +80,24 @@ class ChangingSolver final : public LinearSolver {
     if (direct.bytes > choice_.budget_bytes) return std::numeric_limits<int>::max();
     return std::max(kLeastIterations,
                     iterations_within(forecast_iterative(choice_.counts, choice_.with_blocks),
-                                      kPatience * reference_seconds(direct)));
+                                      kLongestStep * reference_seconds(direct)));
   }
 
-  bool is_worthwhile(int iterations) const {
+  // What steps have cost more than those of a direct solver; what others gained before is spent.
+  double loss(double direct_seconds) const {
     SolverForecast iterative = forecast_iterative(choice_.counts, choice_.with_blocks);
-    iterative.iterations = iterations;
+    double seconds = 0.0;
+    for (int iterations : iterations_of_solves_) {
+      iterative.iterations = iterations;
+      seconds = std::max(0.0, seconds + reference_seconds(iterative) - direct_seconds);
+    }
+    return seconds;
+  }
+
+  bool is_worthwhile() const {
     const SolverForecast direct = best_direct();
-    return direct.bytes < choice_.budget_bytes &&
-           reference_seconds(direct) < kWorthwhile * reference_seconds(iterative);
+    const double seconds = reference_seconds(direct);
+    return direct.bytes < choice_.budget_bytes && loss(seconds) > kPatience * seconds;
   }
 
   void learn(int iterations) {
@@ -96,11 +106,11 @@ class ChangingSolver final : public LinearSolver {
   }
 
   void reconsider(int iterations) {
-    if (!is_worthwhile(iterations)) return;
+    if (!is_worthwhile()) return;
     if (best_direct().kind == LinearSolverKind::kSparse && !analysed_) {
       analyse_structure(question_of(normal_), choice_);
       analysed_ = true;
-      if (!is_worthwhile(iterations)) return make();  // with what is known now
+      if (!is_worthwhile()) return make();  // with what is known now
     }
     choice_.kind = best_direct().kind;
     changes_.push_back({.solves = static_cast<int>(iterations_of_solves_.size()),

@@ -68,7 +68,7 @@ inline double amount_of(const Works& works, Work work) {
 // of the last step are the better estimate (Iteration::linear_solver_iterations). The first three
 // steps on a city of 3,000 cameras take 84 in the mean, the first four on one of 10,000 take 135,
 // the first eight on 1,000 photos 37.
-inline constexpr double kExpectedIterations = 100;
+inline constexpr double kExpectedIterations = 60;
 // The fewest: where all cameras see all points; steps on the spheres of bench/choice.py take one to
 // three.
 inline constexpr double kFewestIterations = 3;
