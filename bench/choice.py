@@ -202,8 +202,8 @@ def print_rates(results: Results) -> None:
     rows: list[tuple[str, str, dict[str, float], float]] = []
     for shape, runs in results.records.items():
         for solver, record in runs.items():
-            if solver == "auto" or "trace" not in record:
-                continue
+            if solver == "auto" or len(record.get("trace", ())) < 2:
+                continue  # without a step
             work, seconds = work_of_a_step(record)
             rows.append((shape, solver, work, seconds))
             kinds += [kind for kind in work if kind not in kinds]
