@@ -12,10 +12,10 @@
 namespace sfmcpp::linear {
 namespace {
 
-// Steps may cost that many steps of the other solver more than these, in all, before it takes over:
-// one slow step says little of the next (photo collections: 91 iterations, then 4 and 3).
+// The other solver takes over when steps have lost more than this against it, in all, in steps of
+// the other. One slow step says little of the next: on photo collections 91 iterations, then 4.
 constexpr double kPatience = 0.4;
-// One step alone so many, before it is cut short: more than the patience, so that it is the last.
+// A single step is cut short when it has cost so many of the other's: it is the last then.
 constexpr double kLongestStep = 1.5;
 constexpr int kLeastIterations = 20;
 
@@ -83,7 +83,8 @@ class ChangingSolver final : public LinearSolver {
                                       kLongestStep * reference_seconds(direct)));
   }
 
-  // What steps have cost more than those of a direct solver; what others gained before is spent.
+  // What steps have cost more than those of a direct solver. Gains make up for losses before them,
+  // not for later ones.
   double loss(double direct_seconds) const {
     SolverForecast iterative = forecast_iterative(choice_.counts, choice_.with_blocks);
     double seconds = 0.0;
