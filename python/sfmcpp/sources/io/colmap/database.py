@@ -331,7 +331,8 @@ class _Reader:
         size = np.dtype(dtype).itemsize * columns
         if not isinstance(data, bytes) or not isinstance(rows, int) or len(data) != rows * size:
             found = f"{len(data)} bytes" if isinstance(data, bytes) else type(data).__name__
-            raise self._error(f"{what}: has {found}, must have {rows!r} rows of {size} bytes")
+            kind = f"{columns} {np.dtype(dtype).name}"
+            raise self._error(f"{what}: has {found}, must have {rows!r} rows of {size} bytes ({kind})")
         return np.frombuffer(data, np.dtype(dtype).newbyteorder("<")).reshape(rows, columns)
 
     def _error(self, reason: str) -> DatasetError:
