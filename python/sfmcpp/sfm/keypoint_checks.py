@@ -1,4 +1,4 @@
-"""Doubts about the keypoints of other programs: are they pixels of the images they are said to be of?
+"""Doubts about the keypoints of other programs, which may be no pixels of the images they are said to be of.
 
 Detectors that work on smaller copies of photos must scale their keypoints back. Where this was forgotten, or
 where the sizes are those of the copies, a focal length is estimated that fits the mistake.
