@@ -70,12 +70,49 @@ def as_rgb(file: Path, data: bytes, image: Any) -> ColorImage:
     """
     is_deep = has_deep_colors(image)
     pixels = decoded(file, image)
+    return _of_8_bits(_deep_colors(data, pixels) if is_deep else pixels)
+
+
+def _of_8_bits(pixels: NDArray[Any]) -> ColorImage:
+    """Colours of 8 bits (height, width, 3) of colours or grey levels of any depth."""
+    levels = pixels if pixels.dtype == np.uint8 else eight_bits(pixels, white_level(pixels))
+    return levels if levels.ndim == 3 else _of_three(levels)
+
+
+def _of_three(grey: NDArray[Any]) -> NDArray[Any]:
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def as_levels(file: Path, data: bytes, image: Any) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Red, green, blue, and opacity where there is any (height, width, 3 or 4), with the file's bits.
+
+    Floats have 8 bits, as in :func:`as_rgb`.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be decoded.
+    """
+    is_deep, mode = has_deep_colors(image), "RGBA" if has_transparency(image) else "RGB"
+    pixels = decoded(file, image, mode)
     if is_deep:
-        pixels = _deep_rgb(data, pixels)
-    if pixels.dtype == np.uint8:
-        return pixels
-    levels = eight_bits(pixels, white_level(pixels))
-    return levels if levels.ndim == 3 else np.repeat(levels[:, :, None], 3, axis=2)
+        pixels = _deep_colors(data, pixels)
+    if (
+        pixels.dtype.kind in "iu"
+        and pixels.ndim == 2
+        and 0 <= pixels.min() <= pixels.max() <= _MOST_OF_16_BITS
+    ):
+        return _of_three(pixels.astype(np.uint16))
+    return pixels if pixels.dtype in (np.uint8, np.uint16) else _of_8_bits(pixels)
+
+
+def _fits_16_bits(grey: NDArray[Any]) -> bool:
+    return grey.dtype.kind in "iu" and grey.min() >= 0 and grey.max() <= _MOST_OF_16_BITS
+
+
+def with_8_bits(levels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Levels of :func:`as_levels`, or of its result resampled, for a kind of file that has 8 bits."""
+    return levels if levels.dtype == np.uint8 else eight_bits(levels, white_level(levels))
 
 
 def has_deep_colors(image: Any) -> bool:
@@ -86,13 +123,14 @@ def has_deep_colors(image: Any) -> bool:
     return any(";16" in word or word == str(_MOST_OF_16_BITS) for word in formats)
 
 
-def _deep_rgb(data: bytes, shortened: NDArray[Any]) -> NDArray[Any]:
-    """All 16 bits of red, green and blue by OpenCV, or what is left of them if it cannot decode the file."""
+def _deep_colors(data: bytes, shortened: NDArray[Any]) -> NDArray[Any]:
+    """All 16 bits of as many colours by OpenCV, or what is left of them if it cannot decode the file."""
     cv2 = load_cv2()
     deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if deep is None or deep.dtype != np.uint16 or deep.ndim != 3 or deep.shape[:2] != shortened.shape[:2]:
         return shortened
-    return np.asarray(deep[:, :, 2::-1])
+    colors = [2, 1, 0, 3][: shortened.shape[2]]
+    return np.ascontiguousarray(deep[:, :, colors]) if max(colors) < deep.shape[2] else shortened
 
 
 def opaque_part(file: Path, image: Any) -> NDArray[np.bool_] | None:
