@@ -26,8 +26,8 @@ from sfmcpp.sources.io.colmap.camera_models import (
     unsupported,
 )
 from sfmcpp.sources.io.colmap.tables import LARGEST_ID
-from sfmcpp.sources.io.files import failures_named, is_present, is_regular_file, require_present
-from sfmcpp.sources.io.sqlite_tables import read_only_uri, require_stored
+from sfmcpp.sources.io.files import failures_named, is_regular_file, require_present
+from sfmcpp.sources.io.sqlite_tables import log_beside, read_only_uri, require_stored
 
 _MAGIC = b"SQLite format 3\0"
 _TABLES = ("cameras", "images", "keypoints", "matches")
@@ -118,9 +118,7 @@ def _uri(path: Path) -> str:
     COLMAP's databases have a write-ahead log, for which every reader else needs a file to lock. Where a log
     or a journal has something that the file lacks, that is needed, too.
     """
-    beside = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
-    is_whole = not any(is_present(file) and file.stat().st_size for file in beside)
-    return read_only_uri(path, is_unchanged=is_whole)
+    return read_only_uri(path, is_unchanged=log_beside(path) is None)
 
 
 class _Reader:
