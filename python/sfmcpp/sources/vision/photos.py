@@ -334,6 +334,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
         taken_s=facts.taken_s,
         digest=blake2b(data, digest_size=_DIGEST_BYTES, key=key).hexdigest(),
         position_sigmas_m=facts.position_sigmas_m,
+        is_mirrored=facts.is_mirrored,
     )
 
 
