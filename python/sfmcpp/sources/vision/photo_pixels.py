@@ -23,6 +23,7 @@ from sfmcpp.sources.vision.images import (
 ColorImage = NDArray[np.uint8]
 
 _HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1")
+_TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # Pillow's modes of 16 bits a pixel and of floats; 32-bit "I" is what its older versions make of 16-bit PNG.
 _DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
 # Of files of 16 bits a colour, too, and Pillow keeps the upper 8 only: of a camera's 12 bits that is 4.
@@ -57,6 +58,8 @@ def _undecodable(data: bytes) -> str:
     """Why Pillow knows no way to decode a file: phones' photos are often HEIC with the suffix of JPEG."""
     if data[4:8] == b"ftyp" and data[8:12] in _HEIC_BRANDS:
         return "is HEIC in spite of its name: convert it to JPEG"
+    if data[:4] in _TIFF_MAGICS:
+        return "is a TIFF of a kind that is not read, such as colours of floats: convert it to 8 or 16 bits"
     return f"is no image that can be decoded ({len(data)} bytes)"
 
 

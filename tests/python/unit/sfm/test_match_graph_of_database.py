@@ -354,3 +354,18 @@ def test_keypoints_of_double_precision_are_refused_with_what_they_must_be(tmp_pa
         tables.execute("UPDATE keypoints SET data = ? WHERE image_id = 3", (blob(np.zeros(10), np.float64),))
     with pytest.raises(DatasetError, match=r"has 80 bytes, must have 5 rows of 8 bytes \(2 float32\)"):
         read_database(path)
+
+
+def test_pairs_that_were_left_without_verification_are_counted(tmp_path: Path) -> None:
+    """Those of which none was found to agree have a row without matches: they were verified."""
+    path = write_database(tmp_path / "database.db")
+    told = "matches of 1 pair of images in the database are not used"
+    assert not any(told in sentence for sentence in read_database(path).unused)
+    with closing(sqlite3.connect(path)) as tables, tables:
+        tables.execute("DELETE FROM two_view_geometries WHERE rows = 0")
+    assert any(told in sentence for sentence in read_database(path).unused)
+    with closing(sqlite3.connect(path)) as tables, tables:
+        tables.execute("DELETE FROM two_view_geometries")
+    found = read_database(path)
+    assert len(found.matches) == 2
+    assert not any("are not used, as only" in sentence for sentence in found.unused)

@@ -227,6 +227,12 @@ class _Reader:
                     "of its own, and COLMAP cannot continue the model with this database"
                 )
         yield from self._unused_positions()
+        if count := self._count_unverified():
+            pairs = "1 pair" if count == 1 else f"{count} pairs"
+            yield (
+                f"matches of {pairs} of images in the database are not used, as only those of others are "
+                "verified: verify all in COLMAP, or empty two_view_geometries"
+            )
         if count := self._count_gravities():
             yield f"gravity priors in the database ({count}) are not used"
 
@@ -307,6 +313,14 @@ class _Reader:
         if "two_view_geometries" in self._tables:
             which = f"two_view_geometries WHERE rows > 0 AND config != {_WATERMARK}"
             yield from self._rows(f"SELECT pair_id, rows, data FROM {which}")
+
+    def _count_unverified(self) -> int:
+        """Pairs whose matches nobody has tried to verify, where those of others count as verified."""
+        if next(self._verified(), None) is None:
+            return 0
+        tried = "SELECT pair_id FROM two_view_geometries"
+        query = f"SELECT COUNT(*) FROM matches WHERE rows > 0 AND pair_id NOT IN ({tried})"
+        return int(self._rows(query).fetchone()[0])
 
     def _require_name(self, name: object) -> None:
         """Raise a DatasetError for a name that no model could hold."""
