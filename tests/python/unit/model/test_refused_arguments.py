@@ -25,6 +25,7 @@ from sfmcpp.slam import SlamSettings, View
 from sfmcpp.sources.vision import KltSettings, detect_in, follow_features, match
 
 RAGGED = [[1.0], [2.0, 3.0]]
+DATES = np.array(["2024-01-01", "2024-01-02"], dtype="datetime64[us]")
 MASKED = np.ma.masked_equal(np.arange(300.0), 7).reshape(150, 2)
 
 
@@ -65,6 +66,14 @@ def group(**changes: Any) -> ConstraintGroup:
         (lambda: made(pixels=MASKED), "pixels: 1 entries are masked: must be filled in or left out"),
         (lambda: solved(pixels=MASKED), "pixels: 1 entries are masked"),
         (lambda: group(values=np.ma.masked_all((1, 3))), "values: 3 entries are masked"),
+        (
+            lambda: SensorStream(DATES, [[1.0], [2.0]], "speed", "odometer"),
+            r"t_s: dtype datetime64\[us\]: must be numbers; seconds are \(times - times\[0\]\)",
+        ),
+        (
+            lambda: SensorStream(DATES - DATES[0], [[1.0], [2.0]], "speed", "odometer"),
+            r"t_s: dtype timedelta64\[us\]: must be numbers",
+        ),
         (lambda: made(camera_index=RAGGED), "camera_index = .*: must be an array of numbers"),
         (lambda: made(fixed_cameras=RAGGED), "fixed_cameras = .*: must be an array of numbers"),
         (lambda: made(fixed_points=[]), r"fixed_points: .*\(0,\), must be \(30\)|cannot be used as bool"),
