@@ -48,11 +48,11 @@ def run_reconstruction(
     require_results_folder(folder, FILES)
     require_present(source)
     positions = options["gps"] if isinstance(options["gps"], Path) else None
-    targets.check(source, *([] if positions is None else [positions]))
-    Gps(positions).check(targets.positions)
-    if not resume:
-        _clear_cache(folder / CACHE)
-    with writable_folder(folder):
+    with writable_folder(folder):  # which may hold the targets, too
+        targets.check(source, *([] if positions is None else [positions]))
+        Gps(positions).check(targets.positions)
+        if not resume:
+            _clear_cache(folder / CACHE)
         with shown_stages(quiet=quiet) as show, noted_interrupt() as asked_to_stop:
 
             def progress(stage: str, done: int, total: int) -> bool:

@@ -122,12 +122,16 @@ def numbers_below(name: str, value: ArrayLike, count: int) -> NDArray[np.intp]:
 
 
 def number_array(name: str, value: ArrayLike) -> NDArray[Any]:
-    """`value` as an array of any type; InvalidArgument if its rows differ in length or entries are masked."""
+    """`value` as an array; InvalidArgument: rows differ in length, masked entries, or dates."""
     require_unmasked(name, value)
     try:
-        return np.asarray(value)
+        array = np.asarray(value)
     except ValueError:
         raise InvalidArgument(f"{name} = {value!r}: must be an array of numbers") from None
+    if array.dtype.kind in "mM":  # of which NumPy would take the counts, in whatever unit they are
+        example = "(times - times[0]) / np.timedelta64(1, 's')"
+        raise InvalidArgument(f"{name}: dtype {array.dtype}: must be numbers; seconds are {example}")
+    return array
 
 
 def typed_array(name: str, value: ArrayLike, dtype: DTypeLike, shape: tuple[int, ...]) -> NDArray[Any]:

@@ -42,6 +42,8 @@ class Photo:
         Image in whose black parts nothing is detected.
     position_sigmas_m : tuple of float or None
         Standard deviations of the position, east, north and up [m].
+    is_mirrored : bool
+        Whether its file asks to be shown as its mirror image; pixels are as they are stored.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Photo:
     digest: str = ""
     mask: Path | None = None
     position_sigmas_m: tuple[float, float, float] | None = None
+    is_mirrored: bool = False
 
 
 @dataclass(frozen=True, eq=False)

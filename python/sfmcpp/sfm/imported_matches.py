@@ -16,6 +16,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray, finite_array, shaped_array
 from sfmcpp.model.photos import Features, Photo
 from sfmcpp.model.threads import Progress, no_progress, results_in_order, thread_count
+from sfmcpp.sfm.keypoint_checks import warnings_about_keypoints
 from sfmcpp.sfm.match_graph import ImagePair, Matches, MatchGraph, Pair, geometry_of_matches, unique_matches
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.colmap.database import read_database
@@ -72,7 +73,7 @@ def match_graph_of_arrays(
     Returns
     -------
     MatchGraph
-        Pairs in the order of their numbers.
+        Pairs in the order of their numbers; `warnings` doubt keypoints that do not fit the sizes.
 
     Raises
     ------
@@ -100,7 +101,8 @@ def match_graph_of_arrays(
     count = thread_count(threads)
     geometries = results_in_order(geometry_of, list(checked), count, stage="geometry", progress=progress)
     pairs = [Pair(*ij, m, g) for (ij, m), g in zip(checked.items(), geometries, strict=True)]
-    return MatchGraph(photos, features, pairs)
+    warnings = [] if sizes is None else warnings_about_keypoints(features, photos)
+    return MatchGraph(photos, features, pairs, warnings=warnings)
 
 
 def _columns_by_image(
@@ -272,5 +274,5 @@ def match_graph_of_database(
         photos=found.photos,
         image_ids=found.image_ids,
         cameras=found.cameras,
-        warnings=found.unused,
+        warnings=[*graph.warnings, *found.unused],
     )

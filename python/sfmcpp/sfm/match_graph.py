@@ -79,6 +79,10 @@ class MatchGraph:
     cameras: list[DatabaseCamera] | None = None
     warnings: list[str] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        match = sum(pair.geometry.kind != "none" for pair in self.pairs)
+        return f"MatchGraph({len(self.photos)} images, {match} of {len(self.pairs)} pairs match)"
+
     @cached_property
     def verified_pairs(self) -> list[list[Pair]]:
         """Of each image the pairs with a geometry, those with most verified matches first."""

@@ -87,7 +87,7 @@ def _reason_without_pose(graph: MatchGraph, grown: GrownModels, best: Pair | Non
 
 
 def warnings_of_folder(folder: PhotoFolder) -> list[str]:
-    """List what was left out of a folder before feature detection.
+    """List what was left out of a folder before feature detection, and what is odd about its photos.
 
     Parameters
     ----------
@@ -108,7 +108,17 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
         photos = "1 photo is of a kind" if count == 1 else f"{count} photos are of kinds"
         few = ", ".join(folder.foreign[:_MOST_NAMED]) + (", …" if count > _MOST_NAMED else "")
         warnings.append(f"{photos} not read here, and left out: {few}; convert to JPEG")
-    return warnings
+    return warnings + _warnings_of_mirrored([photo.name for photo in folder.photos if photo.is_mirrored])
+
+
+def _warnings_of_mirrored(names: Sequence[str]) -> list[str]:
+    if not names:
+        return []
+    photos = "1 photo asks" if len(names) == 1 else f"{len(names)} photos ask"
+    return [
+        f"{photos} by EXIF to be shown mirrored, first {names[0]}; pixels are used as they are stored: if "
+        "these are mirrored, the model is a mirror image or lacks them; `mogrify -auto-orient` mends them"
+    ]
 
 
 def warnings_of_copies(copies: Mapping[str, str], how: str) -> list[str]:

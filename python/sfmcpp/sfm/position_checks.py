@@ -21,6 +21,7 @@ from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import natural_order
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.positions import Positions
+from sfmcpp.sfm.rounded_positions import doubt_of_rounding
 from sfmcpp.sfm.turns_about_lines import OPEN_DEG, turn_sigmas_deg, turn_warning
 from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
 
@@ -324,6 +325,7 @@ def warnings_of_all(
         warnings += radians
     else:
         warnings += turn_warning(centres, turns, sigma_m)
+    warnings += doubt_of_rounding(positions)
     if turns[0] <= OPEN_DEG and (swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed)):
         warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
     if shifted := _evidence_in_any_order(centres, metres, names, seed):

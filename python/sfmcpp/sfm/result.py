@@ -170,6 +170,10 @@ class SfmRun:
 
     made_into: ClassVar[dict[str, str]] = {"Problem": "its method problem()"}
 
+    def __repr__(self) -> str:
+        found = ", ".join(repr(model) for model in self.models) or "no model"
+        return f"SfmRun({self.source!r}: {len(self.images)} images, {found})"
+
     @property
     def model(self) -> Map | None:
         """The largest model, or None."""

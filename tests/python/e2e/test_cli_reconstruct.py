@@ -117,6 +117,15 @@ def test_positions_are_written_where_gps_says(photos: Path, monkeypatch: pytest.
     assert sfmcpp.read("out/model").metadata.extra["origin_geodetic"].tolist() == run.gps.origin.tolist()
 
 
+def test_positions_may_lie_in_the_folder_that_is_made(photos: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = complete_run()
+    run.gps = gps_outcome(run, 3)
+    ending(monkeypatch, run)
+    assert main(["reconstruct", "photos", "-o", "new/out", "--positions-out", "new/out/p.csv"]) == 0
+    assert run.model is not None
+    assert len(Path("new/out/p.csv").read_text().splitlines()) == 1 + len(run.model.image_names)
+
+
 def test_where_positions_are_of_no_use_the_model_is_written_without(
     photos: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -150,6 +159,7 @@ def test_a_camera_is_a_word_or_a_focal_length(
         ("--camera nan", "'nan': a focal length must be positive"),
         ("--gps absent.csv", "'absent.csv': must be auto, exif, none or a file"),
         ("--positions-out p.kml", "p.kml: the name of a file of positions must end in .csv, .geojson"),
+        ("--positions-out none/p.csv", "the folder 'none' does not exist"),
         ("--masks absent", "'absent': is no folder"),
         ("--method magic", "'magic' is unknown; choose one of incremental, batch"),
         ("--matcher best", "'best' is unknown; choose one of auto, exhaustive, sequential, spatial"),

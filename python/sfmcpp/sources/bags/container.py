@@ -19,6 +19,7 @@ from typing import IO, Any
 
 from sfmcpp.errors import DatasetError, SfmcppError
 from sfmcpp.model.process_state import SharedChange
+from sfmcpp.sources.bags.remedies import for_damaged, for_no_bag
 from sfmcpp.sources.io.files import (
     expands_too_far,
     failures_named,
@@ -28,7 +29,7 @@ from sfmcpp.sources.io.files import (
     require_present,
     require_regular_file,
 )
-from sfmcpp.sources.io.sqlite_tables import quote_path, read_only_uri, require_stored
+from sfmcpp.sources.io.sqlite_tables import log_beside, quote_path, read_only_uri, require_stored
 
 _ROS1, _ROS2 = (".bag",), (".db3", ".mcap")
 _METADATA = "metadata.yaml"
@@ -193,7 +194,8 @@ def _reader_of(path: Path) -> Callable[[Path], Any]:
         require_present(path)
     if not is_bag(path):
         rule = f"must be a .bag, .db3 or .mcap file, or a folder of ROS 2 with {_METADATA}"
-        raise DatasetError(path, f"is no bag: {rule}")
+        with failures_named(path):
+            raise DatasetError(path, f"is no bag: {rule}{for_no_bag(path)}")
     if is_folder(path):
         with failures_named(path):
             for file in path.iterdir():
@@ -232,7 +234,8 @@ def _faults_named(path: Path) -> Iterator[None]:
         raise
     except Exception as error:  # as its parsers fail in many ways
         words = " ".join(str(error).split())[:_MOST_WORDS] or type(error).__name__
-        raise DatasetError(path, f"is damaged, or no bag: {words.rstrip('.')}") from error
+        reason = f"is damaged, or no bag: {words.rstrip('.')}{for_damaged(path)}"
+        raise DatasetError(path, reason) from error
 
 
 @cache
@@ -319,6 +322,9 @@ def _sqlite_reader(path: Path) -> Any:
     """Reader of the library for a ``.db3`` file: it makes a URI of the path, and does not quote it."""
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
+    if (log := log_beside(path)) is not None:  # which the library leaves out
+        merge = f"`sqlite3 {path.name} 'PRAGMA journal_mode=DELETE'` writes it into the bag"
+        raise DatasetError(path, f"was not closed: {log.name} beside it belongs to it; {merge}")
     with closing(sqlite3.connect(read_only_uri(path), uri=True)) as connection:
         require_stored(connection, path, _TABLES)
     return Sqlite3Reader(Path(quote_path(path)))

@@ -15,6 +15,11 @@ def is_missing(cell: str) -> bool:
     return cell.lower() in _WORDS
 
 
+def is_start_of_missing(cell: str) -> bool:
+    """Whether a cell begins such a word, and does not end it."""
+    return not is_missing(cell) and any(word.startswith(cell.lower()) for word in _WORDS)
+
+
 def without_missing(
     lines: Sequence[Line], groups: Mapping[str, Sequence[int]]
 ) -> tuple[list[Line], dict[str, list[int]]]:

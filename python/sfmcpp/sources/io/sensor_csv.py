@@ -8,10 +8,10 @@ For example::
 
 A cell left empty is a measurement that was not made at that time: sensors of different rates can share a
 file, and have lines of their own. Where a cell is ``NaN``, ``NA`` or another word for no value, the
-measurement is left out, and its stream tells of it; so is one that is repeated with its time. Cells may be
-apart by ``;`` or tabs, then with decimal commas, too, and between double quotes. Columns of other names are
-left out, and so are lines that start with ``#``, but for a header that does. Times may be those of ISO 8601,
-without a unit. EuRoC's ``imu0/data.csv`` is read as it is.
+measurement is left out, and its stream tells of it; so is one that is repeated with its time, and the last
+line of a log that was cut off. Cells may be apart by ``;`` or tabs, then with decimal commas, too, and
+between double quotes. Columns of other names are left out, and so are lines that start with ``#``, but for a
+header that does. Times may be those of ISO 8601, without a unit. EuRoC's ``imu0/data.csv`` is read as it is.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from sfmcpp.sources.io.csv_text import (
     separator_of,
     with_decimal_points,
 )
+from sfmcpp.sources.io.cut_lines import emptied_if_zeros, without_cut_line
 from sfmcpp.sources.io.iso_times import seconds_of_iso
 from sfmcpp.sources.io.missing_values import Line, without_missing
 from sfmcpp.sources.io.number_text import number_of
@@ -59,6 +60,9 @@ _LEFT_OUT = "-"  # a header that is the name of nothing
 
 # Beside the columns, the line of the file that each row stands on.
 _LINE = "line"
+
+# Beside the lines on which groups have no value, the one that was cut off.
+_CUT = "cut"
 
 Table = dict[str, FloatArray]
 # Lines on which a group of columns has no value, by the group.
@@ -228,7 +232,7 @@ def left_out_columns(path: Path) -> list[str]:
 
 def _split(path: Path) -> tuple[Line, list[Line]]:
     """The header, which may begin as comments do, and the lines that do not."""
-    lines = list(numbered_lines(path))
+    lines = emptied_if_zeros(list(numbered_lines(path)))
     is_comment = [line.lstrip().startswith("#") for _, line in lines]
     start = is_comment.index(False) if False in is_comment else len(lines)
     if start and (start == len(lines) or _holds_number(path, lines[start])):
@@ -246,15 +250,16 @@ def _holds_number(path: Path, line: tuple[int, str]) -> bool:
 
 
 def _cells(
-    path: Path, columns: list[Column | None], lines: list[Line], constants: list[_Asked]
+    path: Path, columns: list[Column | None], lines: Sequence[Line], constants: list[_Asked]
 ) -> tuple[Table, _Missing]:
     """Columns by name, in our units, NaN where a cell has no value; and where it says so in a word."""
+    numeric = {place: column.group for place, column in enumerate(columns) if column is not None}
+    groups = {g: [place for place in numeric if numeric[place] == g] for g in {*numeric.values()} - {"time"}}
+    lines, cut = without_cut_line(path, lines, len(columns), groups.values())
     for number, cells in lines:
         if len(cells) < len(columns) or any(cells[len(columns) :]):
             rule = f"must be {len(columns)}; where commas are decimal, cells are separated by ';' or tabs"
             raise DatasetError(path, f"the line holds {len(cells)} cells: {rule}", number)
-    numeric = {place: column.group for place, column in enumerate(columns) if column is not None}
-    groups = {g: [place for place in numeric if numeric[place] == g] for g in {*numeric.values()} - {"time"}}
     whole, missing = without_missing(lines, groups)
     pointed = with_decimal_points(path, whole, [*numeric])
     rows = [_row(path, number, cells, columns) for number, cells in pointed]
@@ -264,7 +269,7 @@ def _cells(
     table = dict(zip(named, np.array([row for _, row in rows]).T, strict=True))
     table = _with_constants(table, constants)
     _require_whole_groups(path, table, [number for number, _ in rows])
-    return table | {_LINE: np.array([number for number, _ in rows])}, missing
+    return table | {_LINE: np.array([number for number, _ in rows])}, missing | {_CUT: cut}
 
 
 def _row(path: Path, number: int, cells: list[str], columns: list[Column | None]) -> tuple[int, list[float]]:
@@ -319,6 +324,7 @@ def _stream(
     _require_increasing(path, kind, t_s, line)
     empty = sorted({number for group in groups_of(kind) for number in missing.get(group, ())})
     left_out = _told("without a value", empty) + _told("like the one before", again.tolist())
+    left_out += _told("cut off at the end of the file", missing[_CUT])
     try:
         return SensorStream(t_s, values[kept], kind, kind, max_gap_s, " and ".join(left_out))
     except ImplausibleSample as error:
@@ -340,7 +346,7 @@ def _require_increasing(path: Path, kind: str, t_s: FloatArray, lines: FloatArra
     raise DatasetError(path, f"{told}: time must increase{same}", int(lines[row]))
 
 
-def _told(what: str, lines: list[int]) -> list[str]:
+def _told(what: str, lines: Sequence[int]) -> list[str]:
     """How many lines are left out, and the first, in words; nothing for none."""
     return [f"{len(lines)} line{'s' * (len(lines) > 1)} {what}, first line {lines[0]}"] if lines else []
 

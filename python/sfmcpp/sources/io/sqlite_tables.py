@@ -12,11 +12,18 @@ from pathlib import Path
 from urllib.parse import quote
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.sources.io.files import is_present
 
 
 def read_only_uri(path: Path, *, is_unchanged: bool = True) -> str:
     """How to open a file. Where nobody writes it, no lock is taken, and nothing is made beside it."""
     return f"file:{quote_path(path)}?mode=ro{'&immutable=1' if is_unchanged else ''}"
+
+
+def log_beside(path: Path) -> Path | None:
+    """A write-ahead log or a journal that holds something which belongs to a file, or None."""
+    beside = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
+    return next((file for file in beside if is_present(file) and file.stat().st_size), None)
 
 
 def quote_path(path: Path) -> str:

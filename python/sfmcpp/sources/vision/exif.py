@@ -23,6 +23,8 @@ EXIF_BLOCK, GPS_BLOCK = 0x8769, 0x8825
 _PNG_BLOCKS = {"exif", "Raw profile type exif"}
 
 _MAKE, _MODEL = 0x010F, 0x0110
+# How to show the pixels: turned by quarters, and in these cases mirrored, too.
+_ORIENTATION, _MIRRORED = 0x0112, (2, 4, 5, 7)
 _TIMES = ((0x9003, 0x9291), (0x9004, 0x9292))  # taken, digitised: each with its parts of a second
 _FOCAL_MM, _FOCAL_35MM = 0x920A, 0xA405
 _LENS, _BODY_SERIAL = 0xA434, 0xA431
@@ -51,6 +53,7 @@ class ExifFacts:
     position: tuple[float, float, float] | None = None
     taken_s: float | None = None
     position_sigmas_m: tuple[float, float, float] | None = None
+    is_mirrored: bool = False
 
 
 def exif_facts(image: Any) -> ExifFacts:
@@ -64,6 +67,8 @@ def exif_facts(image: Any) -> ExifFacts:
         position=position,
         taken_s=_taken_s(exif),
         position_sigmas_m=None if position is None else _position_sigmas_m(_xmp_packet(image)),
+        # Of TIFF, Pillow gives the pixels as they are to be shown.
+        is_mirrored=image.format != "TIFF" and main.get(_ORIENTATION) in _MIRRORED,
     )
 
 

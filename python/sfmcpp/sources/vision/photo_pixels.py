@@ -23,6 +23,7 @@ from sfmcpp.sources.vision.images import (
 ColorImage = NDArray[np.uint8]
 
 _HEIC_BRANDS = (b"heic", b"heix", b"hevc", b"hevx", b"heim", b"heis", b"mif1", b"msf1")
+_TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 # Pillow's modes of 16 bits a pixel and of floats; 32-bit "I" is what its older versions make of 16-bit PNG.
 _DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
 # Of files of 16 bits a colour, too, and Pillow keeps the upper 8 only: of a camera's 12 bits that is 4.
@@ -57,6 +58,8 @@ def _undecodable(data: bytes) -> str:
     """Why Pillow knows no way to decode a file: phones' photos are often HEIC with the suffix of JPEG."""
     if data[4:8] == b"ftyp" and data[8:12] in _HEIC_BRANDS:
         return "is HEIC in spite of its name: convert it to JPEG"
+    if data[:4] in _TIFF_MAGICS:
+        return "is a TIFF of a kind that is not read, such as colours of floats: convert it to 8 or 16 bits"
     return f"is no image that can be decoded ({len(data)} bytes)"
 
 
@@ -70,12 +73,49 @@ def as_rgb(file: Path, data: bytes, image: Any) -> ColorImage:
     """
     is_deep = has_deep_colors(image)
     pixels = decoded(file, image)
+    return _of_8_bits(_deep_colors(data, pixels) if is_deep else pixels)
+
+
+def _of_8_bits(pixels: NDArray[Any]) -> ColorImage:
+    """Colours of 8 bits (height, width, 3) of colours or grey levels of any depth."""
+    levels = pixels if pixels.dtype == np.uint8 else eight_bits(pixels, white_level(pixels))
+    return levels if levels.ndim == 3 else _of_three(levels)
+
+
+def _of_three(grey: NDArray[Any]) -> NDArray[Any]:
+    return np.repeat(grey[:, :, None], 3, axis=2)
+
+
+def as_levels(file: Path, data: bytes, image: Any) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Red, green, blue, and opacity where there is any (height, width, 3 or 4), with the file's bits.
+
+    Floats have 8 bits, as in :func:`as_rgb`.
+
+    Raises
+    ------
+    DatasetError
+        If it cannot be decoded.
+    """
+    is_deep, mode = has_deep_colors(image), "RGBA" if has_transparency(image) else "RGB"
+    pixels = decoded(file, image, mode)
     if is_deep:
-        pixels = _deep_rgb(data, pixels)
-    if pixels.dtype == np.uint8:
-        return pixels
-    levels = eight_bits(pixels, white_level(pixels))
-    return levels if levels.ndim == 3 else np.repeat(levels[:, :, None], 3, axis=2)
+        pixels = _deep_colors(data, pixels)
+    if (
+        pixels.dtype.kind in "iu"
+        and pixels.ndim == 2
+        and 0 <= pixels.min() <= pixels.max() <= _MOST_OF_16_BITS
+    ):
+        return _of_three(pixels.astype(np.uint16))
+    return pixels if pixels.dtype in (np.uint8, np.uint16) else _of_8_bits(pixels)
+
+
+def _fits_16_bits(grey: NDArray[Any]) -> bool:
+    return grey.dtype.kind in "iu" and grey.min() >= 0 and grey.max() <= _MOST_OF_16_BITS
+
+
+def with_8_bits(levels: NDArray[Any]) -> NDArray[np.uint8]:
+    """Levels of :func:`as_levels`, or of its result resampled, for a kind of file that has 8 bits."""
+    return levels if levels.dtype == np.uint8 else eight_bits(levels, white_level(levels))
 
 
 def has_deep_colors(image: Any) -> bool:
@@ -86,13 +126,14 @@ def has_deep_colors(image: Any) -> bool:
     return any(";16" in word or word == str(_MOST_OF_16_BITS) for word in formats)
 
 
-def _deep_rgb(data: bytes, shortened: NDArray[Any]) -> NDArray[Any]:
-    """All 16 bits of red, green and blue by OpenCV, or what is left of them if it cannot decode the file."""
+def _deep_colors(data: bytes, shortened: NDArray[Any]) -> NDArray[Any]:
+    """All 16 bits of as many colours by OpenCV, or what is left of them if it cannot decode the file."""
     cv2 = load_cv2()
     deep = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if deep is None or deep.dtype != np.uint16 or deep.ndim != 3 or deep.shape[:2] != shortened.shape[:2]:
         return shortened
-    return np.asarray(deep[:, :, 2::-1])
+    colors = [2, 1, 0, 3][: shortened.shape[2]]
+    return np.ascontiguousarray(deep[:, :, colors]) if max(colors) < deep.shape[2] else shortened
 
 
 def opaque_part(file: Path, image: Any) -> NDArray[np.bool_] | None:

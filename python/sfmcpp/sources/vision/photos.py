@@ -7,6 +7,7 @@ from hashlib import blake2b
 from io import BytesIO
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from sfmcpp.sources.vision.images import (
 )
 from sfmcpp.sources.vision.photo_pixels import (
     ColorImage,
+    as_levels,
     as_rgb,
     bytes_of,
     decoded,
@@ -204,10 +206,35 @@ def read_color_and_opaque(photo: Photo) -> tuple[ColorImage, NDArray[np.bool_] |
     data = bytes_of(file)
     with opened_image(file, data) as image:
         pixels, opaque = as_rgb(file, data, image), opaque_part(file, image)
-    if pixels.shape[1::-1] != photo.size:
-        now, then = "×".join(map(str, pixels.shape[1::-1])), "×".join(map(str, photo.size))
-        raise DatasetError(file, f"has {now} pixels now, and had {then} when the folder was opened")
+    _require_same_size(photo, file, pixels)
     return pixels, opaque
+
+
+def read_levels(photo: Photo) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """All that the file of a photo holds: levels of up to 16 bits, and opacity.
+
+    Parameters
+    ----------
+    photo : Photo
+        One with a file.
+
+    Returns
+    -------
+    (height, width, 3 or 4) uint8 or uint16
+        Red, green and blue; opacity comes last where parts may be transparent. Of floats 8 bits, as
+        :func:`read_color`.
+
+    Raises
+    ------
+    DatasetError
+        If the file is gone, cut short or otherwise not to be decoded, or has become another size.
+    """
+    file = _file_of(photo)
+    data = bytes_of(file)
+    with opened_image(file, data) as image:
+        levels = as_levels(file, data, image)
+    _require_same_size(photo, file, levels)
+    return levels
 
 
 def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool_]:
@@ -273,6 +300,12 @@ def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
     return written.getvalue()
 
 
+def _require_same_size(photo: Photo, file: Path, pixels: NDArray[Any]) -> None:
+    if pixels.shape[1::-1] != photo.size:
+        now, then = "×".join(map(str, pixels.shape[1::-1])), "×".join(map(str, photo.size))
+        raise DatasetError(file, f"has {now} pixels now, and had {then} when the folder was opened")
+
+
 def _require_folder(path: Path | None) -> None:
     if path is None:
         return
@@ -301,6 +334,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
         taken_s=facts.taken_s,
         digest=blake2b(data, digest_size=_DIGEST_BYTES, key=key).hexdigest(),
         position_sigmas_m=facts.position_sigmas_m,
+        is_mirrored=facts.is_mirrored,
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,8 @@ from sfmcpp.sources.io.colmap import FILE_NAMES
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.intrinsics import as_perspective
 from sfmcpp.sources.vision.images import load_cv2, one_opencv_thread
-from sfmcpp.sources.vision.photo_pixels import ColorImage
-from sfmcpp.sources.vision.photos import open_photos, read_color
+from sfmcpp.sources.vision.photo_pixels import with_8_bits
+from sfmcpp.sources.vision.photos import open_photos, read_levels
 
 IMAGES, MODEL = "images", "sparse/0"
 
@@ -44,6 +45,11 @@ _BAND_ROWS = 128
 _LONGEST_PX = 32766
 # Of kinds that OpenCV does not write by their suffix.
 _WRITTEN_AS = {".jfif": ".jpg"}
+# Kinds of files that hold 16 bits a colour, and those that hold transparent parts.
+_DEEP_KINDS = (".png", ".tif", ".tiff", ".ppm", ".pgm")
+_TRANSPARENT_KINDS = (".png", ".tif", ".tiff", ".webp")
+
+Levels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +130,13 @@ def _reach(lens: FloatArray, size: NDArray[np.int64]) -> FloatArray:
 
 
 def undistorted_photo(
-    pixels: ColorImage, lens: FloatArray, pinhole: FloatArray, size: NDArray[np.int64]
-) -> ColorImage:
+    pixels: Levels, lens: FloatArray, pinhole: FloatArray, size: NDArray[np.int64]
+) -> Levels:
     """Resample a photo (cubic) as a pinhole camera at its place would have taken it.
 
     Parameters
     ----------
-    pixels : (height, width, 3) uint8
+    pixels : (height, width, 3 or 4) uint8 or uint16
         The photo.
     lens : (12,) float64
         Its camera, of the model ``"perspective"``.
@@ -141,12 +147,12 @@ def undistorted_photo(
 
     Returns
     -------
-    (size[1], size[0], 3) uint8
+    (size[1], size[0], 3 or 4) uint8 or uint16
         The image.
     """
     cv2 = load_cv2()
     width, height = int(size[0]), int(size[1])
-    made = np.empty((height, width, 3), dtype=np.uint8)
+    made = np.empty((height, width, pixels.shape[2]), dtype=pixels.dtype)
     for top in range(0, height, _BAND_ROWS):
         rows = np.arange(top, min(top + _BAND_ROWS, height))
         centres = np.stack(np.meshgrid(np.arange(width) + 0.5, rows + 0.5), axis=-1)
@@ -206,9 +212,9 @@ def undistort_photos(
     photos : path-like
         Folder of the photos.
     folder : path-like
-        Gets ``images/``, with the names of the photos, and ``sparse/0``, a binary COLMAP model with PINHOLE
-        cameras: the layout that programs for Gaussian splatting read. The model comes last: as long as
-        there is none, images may be missing.
+        Gets ``images/``, with the names of the photos, their bits (8 or 16) and transparent parts, and
+        ``sparse/0``, a binary COLMAP model with PINHOLE cameras: the layout that programs for Gaussian
+        splatting read. The model comes last: as long as there is none, images may be missing.
     threads : int, optional
         Default: as many as the process may use.
     progress : callable, optional
@@ -237,7 +243,7 @@ def undistort_photos(
     def written(number: int) -> None:
         row, photo = cameras.index[number], chosen[number]
         image = undistorted_photo(
-            read_color(photo), cameras.lenses[row], cameras.pinholes[row], cameras.sizes[row]
+            read_levels(photo), cameras.lenses[row], cameras.pinholes[row], cameras.sizes[row]
         )
         _write_image(image, target / IMAGES / photo.name)
 
@@ -279,9 +285,19 @@ def _photos_of(problem: Problem, folder: Path) -> list[Photo]:
     return chosen
 
 
-def _write_image(image: ColorImage, path: Path) -> None:
+def _as_written(image: Levels, suffix: str) -> NDArray[Any]:
+    """Grey levels, or blue, green, red and opacity, as far as a kind of file has room for them."""
+    cv2 = load_cv2()
+    levels: Levels = image if suffix in _DEEP_KINDS else with_8_bits(image)
+    if suffix == ".pgm":
+        return np.asarray(cv2.cvtColor(levels[:, :, :3], cv2.COLOR_RGB2GRAY), dtype=levels.dtype)
+    kept = [2, 1, 0, 3][: levels.shape[2] if suffix in _TRANSPARENT_KINDS else 3]
+    return np.ascontiguousarray(levels[:, :, kept])
+
+
+def _write_image(image: Levels, path: Path) -> None:
     cv2, suffix = load_cv2(), path.suffix.lower()
-    shown = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY if suffix == ".pgm" else cv2.COLOR_RGB2BGR)
+    shown = _as_written(image, suffix)
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
     is_made, data = cv2.imencode(_WRITTEN_AS.get(suffix, suffix), shown, options)
     if not is_made:

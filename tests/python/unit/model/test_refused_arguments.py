@@ -25,6 +25,7 @@ from sfmcpp.slam import SlamSettings, View
 from sfmcpp.sources.vision import KltSettings, detect_in, follow_features, match
 
 RAGGED = [[1.0], [2.0, 3.0]]
+DATES = np.array(["2024-01-01", "2024-01-02"], dtype="datetime64[us]")
 MASKED = np.ma.masked_equal(np.arange(300.0), 7).reshape(150, 2)
 
 
@@ -286,3 +287,13 @@ def test_an_array_is_asked_for_through_an_alias_too() -> None:
     assert checked()(first)([7.0]) == 7.0
     with pytest.raises(InvalidArgument, match=r"mask = 'a\.png': must be an array of numbers"):
         checked()(first)("a.png")
+
+
+@pytest.mark.parametrize("times", [DATES, DATES - DATES[0]])
+def test_dates_and_spans_are_refused_as_times_in_seconds(times: Any) -> None:
+    """NumPy would take their counts of microseconds."""
+    told = rf"t_s: dtype {times.dtype.name[:-4]}\[us\]: must be numbers; seconds are \(times - times\[0\]\)"
+    with pytest.raises(InvalidArgument, match=told):
+        SensorStream(times, [[1.0], [2.0]], "speed", "odometer")
+    seconds = (times - times[0]) / np.timedelta64(1, "s")  # as the message says
+    assert SensorStream(seconds, [[1.0], [2.0]], "speed", "odometer").t_s.tolist() == [0.0, 86400.0]

@@ -9,7 +9,9 @@ import pytest
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sfm import reconstruct
+from sfmcpp.sfm.outcome import warnings_of_folder
 from sfmcpp.sources.synthetic.photos import render_photos
+from sfmcpp.sources.vision.photos import open_photos
 from textured_photos import texture, write_photo
 
 for extra in ("cv2", "PIL", "poselib"):
@@ -32,6 +34,27 @@ def test_copies_and_videos_are_left_aside_and_named(tmp_path: Path) -> None:
     assert copies == f"1 image is a copy, byte for byte, and left out: {first.stem} copy.png of {first.name}"
     assert videos.startswith("1 video is not read: clip.mp4; `ffmpeg -i clip.mp4 ")
     assert foreign == "1 photo is of a kind not read here, and left out: phone.heic; convert to JPEG"
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png", "webp"])
+def test_photos_that_ask_to_be_shown_mirrored_are_told(tmp_path: Path, suffix: str) -> None:
+    from PIL import Image
+
+    for orientation in range(1, 9):
+        image = Image.fromarray(texture(48, 64))
+        exif = image.getexif()
+        exif[0x0112] = orientation
+        image.save(tmp_path / f"{orientation}.{suffix}", exif=exif)
+    found = open_photos(tmp_path)
+    # 2 and 4 flip; 5 and 7 flip and turn (CIPA DC-008).
+    assert [p.name[0] for p in found.photos if p.is_mirrored] == ["2", "4", "5", "7"]
+    (told,) = (w for w in warnings_of_folder(found) if "shown mirrored" in w)
+    assert told.startswith(f"4 photos ask by EXIF to be shown mirrored, first 2.{suffix}; ")
+
+
+def test_photos_without_an_orientation_are_not_mirrored(tmp_path: Path) -> None:
+    write_photo(tmp_path / "a.jpg", texture(48, 64))
+    assert warnings_of_folder(open_photos(tmp_path)) == []
 
 
 def test_one_image_or_a_video_in_place_of_a_folder_is_told_what_to_give(tmp_path: Path) -> None:

@@ -114,3 +114,9 @@ def test_a_feature_that_matches_several_matches_none() -> None:
     found = np.array([[5, 5], [1, 2], [1, 3], [4, 4], [6, 4], [5, 5], [0, 9]], np.int32)
     np.testing.assert_array_equal(unique_matches(found), [[0, 9], [5, 5]])
     assert unique_matches(np.empty((0, 2), np.int32)).shape == (0, 2)
+
+
+def test_a_graph_is_shown_in_one_line() -> None:
+    """In place of its arrays, which are the size of the set."""
+    graph = match_graph_of_arrays(keypoints(), {(2, 0): EACH, (0, 1): EACH[:9]}, sizes=[(1000, 800)] * 3)
+    assert repr(graph) == "MatchGraph(3 images, 1 of 2 pairs match)"

@@ -338,3 +338,34 @@ def test_a_database_of_pycolmap_is_reconstructed(tmp_path: Path) -> None:
         centres -= centres.mean(axis=0)
         centres /= np.linalg.norm(centres)
     assert np.linalg.svd(truth.T @ found, compute_uv=False).sum() == pytest.approx(1, abs=1e-4)
+
+
+def test_keypoints_of_larger_images_are_doubted(tmp_path: Path) -> None:
+    path = write_database(tmp_path / "database.db")
+    with closing(sqlite3.connect(path)) as tables, tables:
+        tables.execute("UPDATE cameras SET width = 10, height = 8 WHERE camera_id = 4")
+    warnings = match_graph_of_database(path).warnings
+    assert any("keypoints of 1 of 3 images lie outside of them" in warning for warning in warnings)
+
+
+def test_keypoints_of_double_precision_are_refused_with_what_they_must_be(tmp_path: Path) -> None:
+    path = write_database(tmp_path / "database.db")
+    with closing(sqlite3.connect(path)) as tables, tables:
+        tables.execute("UPDATE keypoints SET data = ? WHERE image_id = 3", (blob(np.zeros(10), np.float64),))
+    with pytest.raises(DatasetError, match=r"has 80 bytes, must have 5 rows of 8 bytes \(2 float32\)"):
+        read_database(path)
+
+
+def test_pairs_that_were_left_without_verification_are_counted(tmp_path: Path) -> None:
+    """Those of which none was found to agree have a row without matches: they were verified."""
+    path = write_database(tmp_path / "database.db")
+    told = "matches of 1 pair of images in the database are not used"
+    assert not any(told in sentence for sentence in read_database(path).unused)
+    with closing(sqlite3.connect(path)) as tables, tables:
+        tables.execute("DELETE FROM two_view_geometries WHERE rows = 0")
+    assert any(told in sentence for sentence in read_database(path).unused)
+    with closing(sqlite3.connect(path)) as tables, tables:
+        tables.execute("DELETE FROM two_view_geometries")
+    found = read_database(path)
+    assert len(found.matches) == 2
+    assert not any("are not used, as only" in sentence for sentence in found.unused)

@@ -38,6 +38,30 @@ def warnings_of(shift: int = 0, wrong: int = 0, stated_m: float = SIGMA_M) -> st
 
 
 @pytest.mark.parametrize(
+    ("parts_of_a_degree", "told"),
+    [
+        (1e4, "rounded to 0.0001°, 11 m"),
+        (6000, "rounded to 0.01 minutes, 19 m"),
+        (3600, "rounded to whole seconds, 31 m"),
+        (1e5, None),
+        (1e7, None),
+    ],
+)
+def test_degrees_that_were_rounded_are_told_with_what_they_cost(
+    parts_of_a_degree: float, told: str | None
+) -> None:
+    """Written as text, as tables have them: what their metres tell must be as good."""
+    truth = strips()
+    gps = geodetic_of(truth.centres, [46.84265, -91.99400, 198.0])
+    degrees = np.rint(gps[:, :2] * parts_of_a_degree) / parts_of_a_degree
+    gps[:, :2] = [[float(f"{number:.12f}") for number in row] for row in degrees]
+    warnings = georeference(in_a_frame_of_its_own(truth, 2), gps, geodetic=True).outcome.warnings
+    rounded = [warning for warning in warnings if "are rounded to" in warning]
+    assert len(rounded) == (told is not None)
+    assert all(told in warning for warning in rounded if told is not None)
+
+
+@pytest.mark.parametrize(
     ("origin", "as_radians", "is_doubted"),
     [
         ([46.84, -91.99, 198.0], True, True),

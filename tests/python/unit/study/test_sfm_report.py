@@ -375,3 +375,12 @@ def test_thumbnails_that_cannot_be_made_are_left_out(tmp_path: Path) -> None:
     SfmReport(finished_run(), thumbnail).write(tmp_path / "all")
     pages = [(tmp_path / folder / "view.html").read_text() for folder in ("none", "all")]
     assert [page.count("data:image/jpeg;base64,") for page in pages] == [0, 8]
+
+
+def test_a_run_is_shown_in_one_line_with_its_models() -> None:
+    """Notebooks show what a cell ends with, and a run holds every keypoint of every image."""
+    run = finished_run()
+    assert run.model is not None
+    assert repr(run) == f"SfmRun({run.source!r}: {len(run.images)} images, {run.model!r})"
+    run.models.clear()
+    assert repr(run).endswith("images, no model)")

@@ -26,8 +26,8 @@ from sfmcpp.sources.io.colmap.camera_models import (
     unsupported,
 )
 from sfmcpp.sources.io.colmap.tables import LARGEST_ID
-from sfmcpp.sources.io.files import failures_named, is_present, is_regular_file, require_present
-from sfmcpp.sources.io.sqlite_tables import read_only_uri, require_stored
+from sfmcpp.sources.io.files import failures_named, is_regular_file, require_present
+from sfmcpp.sources.io.sqlite_tables import log_beside, read_only_uri, require_stored
 
 _MAGIC = b"SQLite format 3\0"
 _TABLES = ("cameras", "images", "keypoints", "matches")
@@ -118,9 +118,7 @@ def _uri(path: Path) -> str:
     COLMAP's databases have a write-ahead log, for which every reader else needs a file to lock. Where a log
     or a journal has something that the file lacks, that is needed, too.
     """
-    beside = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
-    is_whole = not any(is_present(file) and file.stat().st_size for file in beside)
-    return read_only_uri(path, is_unchanged=is_whole)
+    return read_only_uri(path, is_unchanged=log_beside(path) is None)
 
 
 class _Reader:
@@ -229,6 +227,12 @@ class _Reader:
                     "of its own, and COLMAP cannot continue the model with this database"
                 )
         yield from self._unused_positions()
+        if count := self._count_unverified():
+            pairs = "1 pair" if count == 1 else f"{count} pairs"
+            yield (
+                f"matches of {pairs} of images in the database are not used, as only those of others are "
+                "verified: verify all in COLMAP, or empty two_view_geometries"
+            )
         if count := self._count_gravities():
             yield f"gravity priors in the database ({count}) are not used"
 
@@ -310,6 +314,14 @@ class _Reader:
             which = f"two_view_geometries WHERE rows > 0 AND config != {_WATERMARK}"
             yield from self._rows(f"SELECT pair_id, rows, data FROM {which}")
 
+    def _count_unverified(self) -> int:
+        """Pairs whose matches nobody has tried to verify, where those of others count as verified."""
+        if next(self._verified(), None) is None:
+            return 0
+        tried = "SELECT pair_id FROM two_view_geometries"
+        query = f"SELECT COUNT(*) FROM matches WHERE rows > 0 AND pair_id NOT IN ({tried})"
+        return int(self._rows(query).fetchone()[0])
+
     def _require_name(self, name: object) -> None:
         """Raise a DatasetError for a name that no model could hold."""
         fault = "must be text" if not isinstance(name, str) else fault_of_image_name(name)
@@ -331,7 +343,8 @@ class _Reader:
         size = np.dtype(dtype).itemsize * columns
         if not isinstance(data, bytes) or not isinstance(rows, int) or len(data) != rows * size:
             found = f"{len(data)} bytes" if isinstance(data, bytes) else type(data).__name__
-            raise self._error(f"{what}: has {found}, must have {rows!r} rows of {size} bytes")
+            kind = f"{columns} {np.dtype(dtype).name}"
+            raise self._error(f"{what}: has {found}, must have {rows!r} rows of {size} bytes ({kind})")
         return np.frombuffer(data, np.dtype(dtype).newbyteorder("<")).reshape(rows, columns)
 
     def _error(self, reason: str) -> DatasetError:

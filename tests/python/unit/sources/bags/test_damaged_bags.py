@@ -224,6 +224,55 @@ def test_a_database_is_read_wherever_it_lies(tmp_path: Path, folder: str) -> Non
     assert unpack_bag(path, tmp_path / "out").counts["imu"] == 4
 
 
+@pytest.mark.parametrize("name", ["plain.db3", "plain.mcap"])
+def test_a_folder_without_metadata_is_told_how_to_get_them(tmp_path: Path, name: str) -> None:
+    """ROS 2 writes them when it closes a bag."""
+    path = write(tmp_path, name)
+    (path / "metadata.yaml").unlink()
+    told = f"it holds {data_file(path).name}, which can be given itself"
+    with pytest.raises(DatasetError, match=f"{told}.*ros2 bag reindex"), open_bag(path):
+        pass
+    with open_bag(data_file(path)) as bag:
+        assert {topic.name for topic in bag.topics} == {"/imu", "/image"}
+
+
+def test_a_file_that_ros_1_was_writing_is_told(tmp_path: Path) -> None:
+    path = write(tmp_path, "plain.bag").rename(tmp_path / "drive.bag.active")
+    with pytest.raises(DatasetError, match="rosbag reindex"), open_bag(path):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("name", "tool"),
+    [("plain.bag", "rosbag reindex"), ("plain.mcap", "mcap recover"), ("plain.db3", r"\.recover")],
+)
+def test_a_damaged_bag_is_told_with_what_saves_it(tmp_path: Path, name: str, tool: str) -> None:
+    path = write(tmp_path, name)
+    file = data_file(path)
+    file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    for given in {path, file}:
+        with pytest.raises(DatasetError, match=f"is damaged, or no bag: .*{tool}"), open_bag(given) as bag:
+            list(bag.messages(["/imu", "/image"]))
+
+
+@pytest.mark.parametrize("is_folder", [True, False])
+def test_messages_in_a_log_beside_the_file_are_not_left_out_without_a_word(
+    tmp_path: Path, is_folder: bool
+) -> None:
+    """The library reads no write-ahead log: it would give the messages that it found merged."""
+    path = write(tmp_path, "plain.db3")
+    given = path if is_folder else data_file(path)
+    base = sqlite3.connect(data_file(path))
+    with closing(base):
+        base.execute("PRAGMA journal_mode = WAL")
+        with base:
+            base.execute("DELETE FROM messages WHERE id = 1")
+        with pytest.raises(DatasetError, match=r"was not closed: \S+-wal beside it"), open_bag(given):
+            pass
+    with open_bag(given) as bag:  # closed by SQLite
+        assert len(list(bag.messages(["/imu", "/image"]))) == 4
+
+
 def test_a_name_longer_than_any_file_has_is_refused() -> None:
     with pytest.raises(DatasetError, match="file name too long"), open_bag("x" * 1000):
         pass

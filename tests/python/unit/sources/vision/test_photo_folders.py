@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from sfmcpp.errors import DatasetError
@@ -88,3 +89,10 @@ def test_photos_of_kinds_that_are_not_read_are_named_unless_one_beside_them_is(t
     found = open_photos(tmp_path)
     assert [photo.name for photo in found.photos] == ["a.jfif"]
     assert found.foreign == ["b.HEIC"]
+
+
+def test_tiff_of_colours_in_floats_is_refused_as_that(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    assert cv2.imwrite(str(tmp_path / "a.tif"), np.ones((8, 9, 3), dtype=np.float32))
+    with pytest.raises(DatasetError, match=r"a\.tif: is a TIFF of a kind that is not read.* 8 or 16 bits"):
+        open_photos(tmp_path)

@@ -165,3 +165,67 @@ def test_a_run_that_is_stopped_leaves_no_model_of_an_earlier_one(photos: Path, t
             model(PINCUSHION), photos, tmp_path / "out", progress=lambda stage, done, total: done > 0
         )
     assert list((tmp_path / "out/sparse/0").iterdir()) == []
+
+
+def write_levels(path: Path, levels: np.ndarray) -> None:
+    """A file of blue, green, red and opacity, by OpenCV."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), levels)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "ppm"])
+def test_photos_of_16_bits_keep_them(tmp_path: Path, suffix: str) -> None:
+    """Against OpenCV's own map; levels between those of 8 bits must be there, and dark ones not brighter."""
+    rng = np.random.default_rng(0)
+    levels = cv2.GaussianBlur(rng.integers(0, 4096, (128, 192, 3)).astype(np.uint16), (0, 0), 3.0)
+    names = [f"a.{suffix}", f"b.{suffix}"]
+    for name in names:
+        write_levels(tmp_path / "photos" / name, levels)
+    result = undistort_photos(model(BARREL, names), tmp_path / "photos", tmp_path / "out")
+    made = cv2.imread(str(tmp_path / "out" / "images" / names[0]), cv2.IMREAD_UNCHANGED)
+    assert made.dtype == np.uint16
+    pinhole = matrix(*result.intrinsics[0][:4])
+    lens = np.array([BARREL[key] for key in ("k1", "k2", "p1", "p2")])
+    size = made.shape[1::-1]
+    maps = cv2.initUndistortRectifyMap(
+        matrix(150.0, 1.05, 98.0, 62.5), lens, None, pinhole, size, cv2.CV_32FC1
+    )
+    expected = cv2.remap(levels, *maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    assert np.abs(made.astype(int) - expected.astype(int)).max() <= 2
+
+
+def test_grey_photos_of_16_bits_keep_them(tmp_path: Path) -> None:
+    levels = np.full((128, 192), 300, dtype=np.uint16)
+    for name in ("a.png", "b.png"):
+        write_levels(tmp_path / "photos" / name, levels)
+    undistort_photos(model(BARREL, ["a.png", "b.png"]), tmp_path / "photos", tmp_path / "out")
+    made = cv2.imread(str(tmp_path / "out" / "images" / "a.png"), cv2.IMREAD_UNCHANGED)
+    assert made.dtype == np.uint16
+    assert (made == 300).all()
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_transparent_parts_stay_transparent(tmp_path: Path, dtype: type) -> None:
+    levels = np.full((128, 192, 4), 200, dtype=dtype)
+    levels[:, :96, 3], levels[:, 96:, 3] = 0, np.iinfo(dtype).max
+    for name in ("a.png", "b.png"):
+        write_levels(tmp_path / "photos" / name, levels)
+    undistort_photos(model({}, ["a.png", "b.png"]), tmp_path / "photos", tmp_path / "out")
+    made = cv2.imread(str(tmp_path / "out" / "images" / "a.png"), cv2.IMREAD_UNCHANGED)
+    assert made.dtype == dtype
+    assert (made[:, :, :3] == 200).all()
+    assert (made[:, :80, 3] == 0).all()
+    assert (made[:, 110:, 3] == np.iinfo(dtype).max).all()
+
+
+def test_kinds_of_files_without_room_have_8_bits(tmp_path: Path) -> None:
+    """A PNG of 16 bits whose name says JPEG becomes a JPEG."""
+    levels = np.full((128, 192, 4), 32768, dtype=np.uint16)
+    for name in ("a.jpg", "b.jpg"):
+        path = tmp_path / "photos" / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(cv2.imencode(".png", levels)[1].tobytes())
+    undistort_photos(model({}, ["a.jpg", "b.jpg"]), tmp_path / "photos", tmp_path / "out")
+    made = cv2.imread(str(tmp_path / "out" / "images" / "a.jpg"), cv2.IMREAD_UNCHANGED)
+    assert made.shape[2] == 3
+    assert (np.abs(made.astype(int) - 128) <= 1).all()
