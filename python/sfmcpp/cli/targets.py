@@ -55,7 +55,7 @@ class Targets:
         if self.problem is not None:
             require_writable_problem(self.problem)
         for path in self._other_files:
-            if path is not None:
+            if path is not None and path.parent != self._new_folder():
                 require_writable_file(path)
         if self.picture is not None:
             _require_picture(self.picture)
@@ -66,6 +66,12 @@ class Targets:
 
             require_covariance_format(self.covariances)
         _require_distinct(self, source, others)
+
+    def _new_folder(self) -> Path | None:
+        """The folder that the problem will make, and into which other files may go."""
+        if self.problem is None or format_of(self.problem).suffixes or is_present(self.problem):
+            return None
+        return self.problem
 
     def check_fits(self, problem: Problem, *, refined: bool = False) -> None:
         """Raise a DatasetError if the format of the result cannot hold `problem`, or it has no positions.

@@ -212,6 +212,14 @@ def test_the_result_may_replace_the_input(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [source]
 
 
+def test_a_report_may_lie_in_the_folder_that_a_model_makes(tmp_path: Path) -> None:
+    path, model = write_noisy_circle(tmp_path), tmp_path / "model"
+    done = run("solve", str(path), "-o", str(model), "--report", str(model / "report.json"))
+    assert done.returncode == 0, done.stderr
+    assert sfmcpp.read(model).num_observations
+    assert strict_json(model / "report.json")["final_cost"] > 0
+
+
 def test_line_searches_and_methods_reach_the_report(tmp_path: Path) -> None:
     source = write_noisy_circle(tmp_path)
     options = ["--method", "dog-leg", "--line-search", "t-als", "--line-search-iterations", "2"]
