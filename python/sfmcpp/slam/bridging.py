@@ -9,6 +9,7 @@ import numpy as np
 
 from sfmcpp.geometry import RelativePose, relative_pose, so3
 from sfmcpp.geometry.epipolar import closest_depths
+from sfmcpp.geometry.known_step import rotation_of_step
 from sfmcpp.geometry.pinhole import homogeneous, to_normalised
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
@@ -78,6 +79,9 @@ class Follower:
         moved, stood = found.failure != "rotation only", length is None
         pose = result.path.pose_of(last.number)
         measured = self._measured_step(last.t_s, frame.t_s, found.camera[:, :3], result)
+        if measured is not None and turn is None:
+            seen = rotation_of_step(before, here, self._intrinsics, measured)
+            measured = self._measured_step(last.t_s, frame.t_s, seen, result)
         if measured is not None:
             return Step(_moved_by(pose, measured), moved, stood)
         if moved and length is None:
@@ -115,8 +119,8 @@ class Follower:
     ) -> FloatArray | None:
         """Motion (3, 4) start_from_end by an odometer of velocities; None where there is none to trust.
 
-        Few tracks leave the direction of a step of a tenth of a second open by ten degrees. The turn is that
-        of a gyroscope, else the one `seen` (3, 3).
+        Few tracks leave the direction of a step of a tenth of a second open by ten degrees, and with it the
+        turn by tenths of one. That is the gyroscope's, else the one `seen` (3, 3).
         """
         measured = self._sensors.measure(start_s, end_s, seen, metric=result.metric, previous=np.eye(3))
         usable = (m for m in measured if m.sensor not in self._sensors.in_conflict and not m.doubtful)
