@@ -42,6 +42,7 @@ from experiments.summaries import interval_of_mean
 from experiments.text_table import text_table
 
 from sfmcpp.model import Trajectory
+from sfmcpp.slam.gap_check import UNSEEN
 from sfmcpp.slam.scale_drift import warn_of_scale
 from sfmcpp.sources.io.kitti_mat import KittiDrive
 from sfmcpp.study.evaluation import Evaluation, evaluate
@@ -151,9 +152,10 @@ def run(asked: tuple[str, str, int], options: Row) -> Row:
     result = run_setting(drive, setting, faults_of(drive, options["fault"]))
     row: Row = {"drive": name, "sensors": label, "seed": seed, "frames": len(drive.t_s)}
     row |= {"posed": len(result.poses), "error_m": None, "bend": None}
-    # Those of sensors: that images alone hold the scale is no fault of one.
+    # Those of sensors: that images hold the scale poorly, or see nothing, is no fault of one.
     of_scale = warn_of_scale(result)
-    row["warnings"] = [told for told in result.warnings if told not in of_scale]
+    others = (told for told in result.warnings if told not in of_scale)
+    row["warnings"] = [told for told in others if not told.startswith(UNSEEN)]
     row["final"] = None if result.final is None else result.final.kept
     if result.poses:
         found = evaluate(result.trajectory(), drive.truth, with_scale=not result.metric)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
+from sfmcpp.slam.gap_check import UNSEEN
 from slam_helpers import INTRINSICS
 from winding import AT_CAMERA, Winding, winding
 
@@ -73,6 +74,41 @@ def of_short_tracks(drive: Winding, count: int) -> TrackSequence:
     pixels = [view.pixels[seen] for view, seen in zip(views, rows, strict=True)]
     frames = np.repeat(np.arange(len(views)), [len(seen) for seen in tracks])
     return TrackSequence(sequence.t_s, frames, np.concatenate(tracks), np.concatenate(pixels), INTRINSICS)
+
+
+def black(drive: Winding) -> TrackSequence:
+    """The drive; in the gap nothing at all is seen."""
+    return hidden(drive, 0)
+
+
+@pytest.mark.parametrize(
+    ("used", "kept", "untied"),
+    [((), "turn and speed", "pose and scale"), ((0,), "turn", "pose"), ((1,), "speed", "place and scale")],
+)
+def test_what_no_sensor_measures_over_a_gap_is_told(used: tuple[int, ...], kept: str, untied: str) -> None:
+    drive = winding(0.5)
+    sensors = sensors_of(drive)
+    warnings = run_slam(black(drive), ONCE, [sensors[k] for k in used]).warnings
+    (told,) = [warning for warning in warnings if warning.startswith(UNSEEN)]
+    first, last = GAP[0], GAP[-1]
+    assert told.startswith(f"{UNSEEN} {first} to {last} (")
+    assert f"kept its {kept}, and nothing else ties the {untied} of the map" in told
+
+
+def test_a_gap_over_which_sensors_measure_all_is_not_told() -> None:
+    drive = winding(0.5)
+    warnings = run_slam(black(drive), ONCE, sensors_of(drive)).warnings
+    assert not [warning for warning in warnings if warning.startswith(UNSEEN)]
+
+
+def test_poses_predicted_over_a_long_gap_are_rotations() -> None:
+    """Their deviations from one trebled with every frame: after twenty the run ended with an error."""
+    drive = winding(0.5)
+    poses = run_slam(black(drive), ONCE).poses
+    turns = np.stack([poses[frame][:, :3] for frame in GAP])
+    np.testing.assert_allclose(
+        turns @ turns.transpose(0, 2, 1), np.eye(3)[None].repeat(len(GAP), 0), atol=1e-12
+    )
 
 
 def turn_off(drive: Winding, result: SlamResult) -> float:
