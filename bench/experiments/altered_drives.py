@@ -60,7 +60,12 @@ def with_lost_frames(drive: KittiDrive) -> KittiDrive:
 
 def with_half_the_tracks(drive: KittiDrive) -> KittiDrive:
     """Half of the tracks, at random."""
-    kept = np.random.default_rng(0).random(drive.num_tracks) < _HALF
+    return with_some_tracks(drive, _HALF)
+
+
+def with_some_tracks(drive: KittiDrive, share: float, seed: int = 0) -> KittiDrive:
+    """A share of the tracks, drawn at random."""
+    kept = np.random.default_rng(seed).random(drive.num_tracks) < share
     return rows_of(drive, np.flatnonzero(kept[drive.track_index]))
 
 

@@ -75,6 +75,14 @@ def interval(table: FloatArray, draws: int = _DRAWS) -> list[float] | None:
     return [float(end) for end in np.nanpercentile(medians, _ENDS_PERCENT)]
 
 
+def interval_of_mean(values: Sequence[float]) -> list[float] | None:
+    """Ends of the bootstrap interval of the mean; None of fewer than two values."""
+    if len(values) < 2:
+        return None
+    which = np.random.default_rng(0).integers(len(values), size=(_DRAWS, len(values)))
+    return [float(end) for end in np.percentile(np.asarray(values)[which].mean(axis=1), _ENDS_PERCENT)]
+
+
 def _median(values: FloatArray, axis: int) -> FloatArray:
     """Median of what there is along an axis; NaN of nothing."""
     known = np.sort(values, axis=axis)  # NaN last

@@ -136,9 +136,9 @@ def camera_displacement(
     return np.asarray(mounting.camera_from_body @ (step + body @ mounting.lever_arm_m - mounting.lever_arm_m))
 
 
-def stops_on_the_way(start_s: float, end_s: float) -> FloatArray:
-    """Times (n,) evenly spaced up to the end, between which a vehicle turns about evenly [s]."""
-    count = max(1, math.ceil((end_s - start_s) / _EVEN_TURN_S))
+def stops_on_the_way(start_s: float, end_s: float, count: int | None = None) -> FloatArray:
+    """Times (n,) evenly spaced up to the end [s]; by default so near that a vehicle turns evenly between."""
+    count = count or max(1, math.ceil((end_s - start_s) / _EVEN_TURN_S))
     return np.linspace(start_s, end_s, count + 1)[1:]
 
 
@@ -147,12 +147,12 @@ def displacement_along(
 ) -> FloatArray | None:
     """Step (3,) of a camera as :func:`camera_displacement` has it, along a path whose turns are known.
 
-    `turns` are the rotation start_from_end (3, 3) of the camera, or start_from_then (n, 3, 3) at n times
-    evenly spaced up to the end: who turns for some of the time only gets elsewhere than who turns evenly.
+    `turns` are the rotation start_from_end (3, 3) of the camera, or start_from_then (n, 3, 3) at n
+    :func:`stops_on_the_way`: who turns for some of the time only gets elsewhere than who turns evenly.
     """
     after = turns.reshape(-1, 3, 3)
     before = np.concatenate([np.eye(3)[None], after[:-1]])
-    times_s = np.linspace(start_s, end_s, len(after) + 1)
+    times_s = np.append(start_s, stops_on_the_way(start_s, end_s, len(after)))
     steps = [
         camera_displacement(stream, a_s, b_s, mounting, a.T @ b)
         for a_s, b_s, a, b in zip(times_s[:-1], times_s[1:], before, after, strict=True)

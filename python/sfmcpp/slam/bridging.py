@@ -9,6 +9,7 @@ import numpy as np
 
 from sfmcpp.geometry import RelativePose, relative_pose, so3
 from sfmcpp.geometry.epipolar import closest_depths
+from sfmcpp.geometry.known_step import rotation_of_step
 from sfmcpp.geometry.pinhole import homogeneous, to_normalised
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model.arrays import FloatArray
@@ -28,6 +29,7 @@ _STANDS_PX = 1.0
 _MOVES_AGAIN_PX = 2.0
 # The usual depth is that of so many keyframes, of the last so many.
 _OF_DEPTHS, _MOST_BEFORE = 50, 300
+_AHEAD = np.array([0.0, 0.0, 1.0])
 # Fewer points do not tie a keyframe behind a stop to the map: if one of them is wrong, nothing denies it.
 _FEWEST_TIES = 3
 
@@ -78,6 +80,9 @@ class Follower:
         moved, stood = found.failure != "rotation only", length is None
         pose = result.path.pose_of(last.number)
         measured = self._measured_step(last.t_s, frame.t_s, found.camera[:, :3], result)
+        if measured is not None and turn is None:
+            seen = rotation_of_step(before, here, self._intrinsics, measured)
+            measured = self._measured_step(last.t_s, frame.t_s, seen, result)
         if measured is not None:
             return Step(_moved_by(pose, measured), moved, stood)
         if moved and length is None:
@@ -94,29 +99,30 @@ class Follower:
         guess = path.predict(frame.t_s)
         ((last, now),) = path.latest(1).items()
         start_s = path.times[last]
-        step = self._measured_step(start_s, frame.t_s, now[:, :3].T @ guess[:, :3], result)
+        # As a product of two poses it would treble what they lack of a rotation, with every frame of a gap.
+        turn = so3.exp(so3.log(now[:, :3].T @ guess[:, :3]))
+        step = self._measured_step(start_s, frame.t_s, turn, result)
         if step is None:
-            step = self._usual_step(start_s, frame.t_s, now, guess, metric)
+            way = now[:, :3].T @ (guess[:, 3] - now[:, 3])
+            step = self._usual_step(start_s, frame.t_s, np.column_stack([turn, way]), metric)
         pose = _moved_by(now, step)
         centre = self._sensors.centre(frame.t_s, pose[:, :3]) if metric else None
         return pose if centre is None else np.column_stack([pose[:, :3], centre])
 
-    def _usual_step(
-        self, start_s: float, end_s: float, now: FloatArray, guess: FloatArray, metric: bool
-    ) -> FloatArray:
-        """Motion (3, 4) from the pose `now` to the one predicted, with the turn and the way measured."""
+    def _usual_step(self, start_s: float, end_s: float, guess: FloatArray, metric: bool) -> FloatArray:
+        """The motion `guess` (3, 4) start_from_end, with the turn and the length of the way as measured."""
         turn = self._sensors.rotation(start_s, end_s)
         distance = self._sensors.distance(start_s, end_s) if metric else None
-        step = now[:, :3].T @ _predicted_step(guess, now, distance)
-        return np.column_stack([now[:, :3].T @ guess[:, :3] if turn is None else turn, step])
+        way = _of_length(guess[:, 3], distance)
+        return np.column_stack([guess[:, :3] if turn is None else turn, way])
 
     def _measured_step(
         self, start_s: float, end_s: float, seen: FloatArray, result: SlamResult
     ) -> FloatArray | None:
         """Motion (3, 4) start_from_end by an odometer of velocities; None where there is none to trust.
 
-        Few tracks leave the direction of a step of a tenth of a second open by ten degrees. The turn is that
-        of a gyroscope, else the one `seen` (3, 3).
+        Few tracks leave the direction of a step of a tenth of a second open by ten degrees, and with it the
+        turn by tenths of one. That is the gyroscope's, else the one `seen` (3, 3).
         """
         measured = self._sensors.measure(start_s, end_s, seen, metric=result.metric, previous=np.eye(3))
         usable = (m for m in measured if m.sensor not in self._sensors.in_conflict and not m.doubtful)
@@ -175,13 +181,12 @@ def _moved_by(pose: FloatArray, step: FloatArray) -> FloatArray:
     return np.asarray(composed(pose[None], step[None])[0])
 
 
-def _predicted_step(guess: FloatArray, now: FloatArray, distance: float | None) -> FloatArray:
-    """Step (3,) from the pose `now` to the predicted one, of the length `distance` if that was measured."""
-    step = np.asarray(guess[:, 3] - now[:, 3])
+def _of_length(way: FloatArray, distance: float | None) -> FloatArray:
+    """A step (3,) of the length `distance`, if that was measured; ahead where it has no direction."""
     if distance is None:
-        return step
-    length = float(np.linalg.norm(step))
-    return np.asarray(distance * (step / length if length > 0 else now[:, 2]))
+        return way
+    length = float(np.linalg.norm(way))
+    return distance * (way / length if length > 0 else _AHEAD)
 
 
 def rejoin(result: SlamResult, part: WorldMap, sensors: SensorSuite, follower: Follower) -> None:

@@ -32,6 +32,9 @@ _FEWEST_AT_END = 4
 # less than this share of that. Within the noise, a similarity fits the few positions of a second too well: of
 # a GPS once a second it scaled maps that were right to half a metre by 0.8 to 1.1.
 _DRIFT_RATIO = 0.5
+# Steps farther than this share of their mean from the measured ones, root mean square, tell no scale: it has
+# changed between them.
+_LARGEST_SCATTER = 0.5
 # Such a fit uses at most so many keyframes.
 _LOOK_BACK = 80
 # Rounds: with a lever arm, the centre of the camera depends on the rotation, and this on the centres.
@@ -304,6 +307,8 @@ def _scale_by_distances(keyframes: Sequence[Keyframe], sensors: SensorSuite, cou
         return None
     poses = np.stack([k.pose for k in last])
     registered = register_by_distances(poses, distances, count)
+    if registered.rmse_m > _LARGEST_SCATTER * distances.mean():
+        return None
     return _fit(registered, np.linalg.norm(np.diff(poses[:, :, 3], axis=0), axis=1) - distances, 0.0)
 
 

@@ -25,6 +25,7 @@ from sfmcpp.slam.check_positions import check_positions
 from sfmcpp.slam.checkpoints import State
 from sfmcpp.slam.corrected_sensors import corrected_in_hindsight
 from sfmcpp.slam.fusion import fuse
+from sfmcpp.slam.gap_check import warn_of_gaps
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.localisation import expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
@@ -213,6 +214,7 @@ class Slam:
         self.result.warnings += check_odometers(self.result, self._sensors, self.settings)
         self.result.warnings += warn_of_baseline(self.result.world, self._sensors)
         self.result.warnings += warn_of_scale(self.result)
+        self.result.warnings += warn_of_gaps(self.result, self._sensors)
         self.result.warnings += warn_of_still_tracks(self.result.world)
         self.result.warnings += warn_of_camera(self.result.world, self.settings)
         if self._judges_in_hindsight:

@@ -11,6 +11,7 @@ import pytest
 from sfmcpp.geometry import so3
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, SensorStream
+from sfmcpp.model.frames import Frame, View
 from sfmcpp.sensors import Mounting, pose_stream_values
 from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
 from sfmcpp.slam.registration import Correction, correction, registration
@@ -19,7 +20,7 @@ from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 from sfmcpp.sources.synthetic import corridor_scene, street_loop_scene
-from slam_helpers import STEP_S, sequence_of
+from slam_helpers import INTRINSICS, STEP_S, sequence_of
 
 # Not the origin, not north: what the map starts with must not be right by chance.
 WORLD = Similarity(1.0, so3.exp(np.array([0.0, 0.0, 0.8])), np.array([300.0, -120.0, 40.0]))
@@ -194,6 +195,21 @@ def test_distances_do_not_tear_a_map_unasked() -> None:
     suite = SensorSuite([wheel])
     assert correction(world, suite, SlamSettings(correct_scale=True)) is not None
     assert correction(world, suite, SlamSettings()) is None
+
+
+@pytest.mark.parametrize(("shrunk", "scale"), [(0, 2.0), (2, None), (8, 20.0)])
+def test_keyframes_between_which_the_map_has_changed_its_scale_do_not_tell_it(
+    shrunk: int, scale: float | None
+) -> None:
+    """Steps of one metre each: in the map 0.5, of which the last ones have shrunk to 0.05."""
+    steps = np.array([0.5] * (8 - shrunk) + [0.05] * shrunk)
+    world = WorldMap(INTRINSICS)
+    for k, at in enumerate(np.append(0.0, np.cumsum(steps))):
+        frame = Frame(k, float(k), View(np.zeros(0, np.int64), np.zeros((0, 2))))
+        world.add(frame, np.column_stack([np.eye(3), [0.0, 0.0, at]]))
+    wheel = Odometer(SensorStream(np.arange(9.0), np.arange(9.0), "distance"))
+    found = registration(world, SensorSuite([wheel]), SlamSettings())
+    assert (None if found is None else pytest.approx(found.scale)) == scale
 
 
 def path_length(cameras: np.ndarray) -> SensorStream:

@@ -1,13 +1,15 @@
-"""Where the map is lost from view, an odometer of velocities and a gyroscope lead the camera on."""
+"""Where the map is lost from view, an odometer of velocities leads the camera on, with a gyroscope or not."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sfmcpp.geometry.similarity import fit_pose_similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.slam import Gyroscope, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
+from sfmcpp.slam.gap_check import UNSEEN
 from slam_helpers import INTRINSICS
 from winding import AT_CAMERA, Winding, winding
 
@@ -55,3 +57,69 @@ def test_sensors_lead_on_in_a_bend_whatever_hides_the_road(lorry: int) -> None:
     way_m = float(np.linalg.norm(np.diff(drive.truth[list(GAP), :, 3], axis=0), axis=1).sum())
     assert set(GAP) <= set(result.lost) | set(result.bridged)
     assert error_in_gap(drive, result) < 0.005 * way_m
+
+
+def of_short_tracks(drive: Winding, count: int) -> TrackSequence:
+    """The drive; in the gap `count` tracks a frame, half of which go on to the next one, and none further."""
+    sequence = drive.sequence
+    views = [sequence.view(frame) for frame in range(len(sequence))]
+    first = 1 + max(int(view.tracks.max()) for view in views)
+    rows = [np.arange(count if frame in GAP else len(view.tracks)) for frame, view in enumerate(views)]
+    tracks = [
+        first * (2 + (frame + view.tracks[seen] % 2) // 2) + view.tracks[seen]
+        if frame in GAP
+        else view.tracks + (frame > GAP[0]) * first
+        for (frame, view), seen in zip(enumerate(views), rows, strict=True)
+    ]
+    pixels = [view.pixels[seen] for view, seen in zip(views, rows, strict=True)]
+    frames = np.repeat(np.arange(len(views)), [len(seen) for seen in tracks])
+    return TrackSequence(sequence.t_s, frames, np.concatenate(tracks), np.concatenate(pixels), INTRINSICS)
+
+
+def black(drive: Winding) -> TrackSequence:
+    """The drive; in the gap nothing at all is seen."""
+    return hidden(drive, 0)
+
+
+@pytest.mark.parametrize(
+    ("used", "kept", "untied"),
+    [((), "turn and speed", "pose and scale"), ((0,), "turn", "pose"), ((1,), "speed", "place and scale")],
+)
+def test_what_no_sensor_measures_over_a_gap_is_told(used: tuple[int, ...], kept: str, untied: str) -> None:
+    drive = winding(0.5)
+    sensors = sensors_of(drive)
+    warnings = run_slam(black(drive), ONCE, [sensors[k] for k in used]).warnings
+    (told,) = [warning for warning in warnings if warning.startswith(UNSEEN)]
+    first, last = GAP[0], GAP[-1]
+    assert told.startswith(f"{UNSEEN} {first} to {last} (")
+    assert f"kept its {kept}, and nothing else ties the {untied} of the map" in told
+
+
+def test_a_gap_over_which_sensors_measure_all_is_not_told() -> None:
+    drive = winding(0.5)
+    warnings = run_slam(black(drive), ONCE, sensors_of(drive)).warnings
+    assert not [warning for warning in warnings if warning.startswith(UNSEEN)]
+
+
+def test_poses_predicted_over_a_long_gap_are_rotations() -> None:
+    """Their deviations from one trebled with every frame: after twenty the run ended with an error."""
+    drive = winding(0.5)
+    poses = run_slam(black(drive), ONCE).poses
+    turns = np.stack([poses[frame][:, :3] for frame in GAP])
+    np.testing.assert_allclose(
+        turns @ turns.transpose(0, 2, 1), np.eye(3)[None].repeat(len(GAP), 0), atol=1e-12
+    )
+
+
+def turn_off(drive: Winding, result: SlamResult) -> float:
+    """Error of the rotation from the first frame of the gap to the last [rad]."""
+    found, true = (poses[GAP[0]][:, :3].T @ poses[GAP[-1]][:, :3] for poses in (result.poses, drive.truth))
+    return float(Rotation.from_matrix(found.T @ true).magnitude())
+
+
+def test_the_direction_of_an_odometer_holds_the_rotation_across_a_gap() -> None:
+    drives = [winding(0.5, seed) for seed in range(3)]
+    found = [run_slam(of_short_tracks(drive, 60), ONCE, sensors_of(drive)[:1]) for drive in drives]
+    assert all(len(set(GAP) & set(result.bridged)) > len(GAP) / 2 for result in found)
+    off = [turn_off(drive, result) for drive, result in zip(drives, found, strict=True)]
+    assert np.sqrt(np.mean(np.square(off))) < 0.02, off
