@@ -20,8 +20,9 @@ _ROUNDS = 10
 _NOISE_PX = 0.5
 # Three angles need as many matches, and one more to deny a wrong one.
 _FEWEST = 4
-# Matches on one line through the epipole leave an angle open: this share of the others keeps it as it is.
-_LIFT = 1e-6
+# Matches on one line through the epipole leave an angle open, and at the epipole all three: this share of the
+# others, and at least this much, keeps it as it is.
+_LIFT, _LEAST_LIFT = 1e-6, 1e-12
 # Sums of two squared sines are no smaller: what is seen at the epipole itself moves anywhere.
 _AT_EPIPOLE = 1e-12
 
@@ -78,4 +79,5 @@ def _correction(
     limit_px = max(_NOISE_PX, float(np.median(np.abs(errors))))
     weighted = slopes / (1.0 + (errors / limit_px) ** 2)[:, None]
     normal = weighted.T @ slopes
-    return -np.linalg.solve(normal + _LIFT * np.trace(normal) * np.eye(3), weighted.T @ errors)
+    lift = max(_LIFT * float(np.trace(normal)), _LEAST_LIFT)
+    return -np.linalg.solve(normal + lift * np.eye(3), weighted.T @ errors)

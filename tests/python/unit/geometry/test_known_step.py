@@ -61,6 +61,12 @@ def test_too_few_matches_and_no_step_leave_the_rotation(count: int, step: np.nda
     np.testing.assert_array_equal(rotation_of_step(before, after, ROW, camera), camera[:, :3])
 
 
+def test_matches_at_the_epipole_alone_leave_the_rotation() -> None:
+    pixels = np.tile(np.asarray(ROW)[2:4], (10, 1))
+    camera = np.column_stack([np.eye(3), [0.0, 0.0, 1.0]])
+    np.testing.assert_array_equal(rotation_of_step(pixels, pixels, ROW, camera), np.eye(3))
+
+
 def test_a_matrix_that_is_no_rotation_is_refused() -> None:
     before, after, _ = scene(4)
     with pytest.raises(InvalidArgument, match=r"camera\[:, :3\]: must be orthonormal"):
