@@ -324,9 +324,7 @@ def test_a_database_of_pycolmap_is_reconstructed(tmp_path: Path) -> None:
     assert sfmcpp.to_pycolmap(problem).num_points3D() == problem.num_points > 100
     with pytest.raises(InvalidArgument, match="model = 1: the run has 1 models"):
         run.problem(1)
-    with pytest.raises(
-        InvalidArgument, match=r"^problem = SfmRun.{,30}: must be a Problem, which its method"
-    ):
+    with pytest.raises(InvalidArgument, match=r"^problem = SfmRun.+: must be a Problem, which its method"):
         sfmcpp.solve(run)
     with pytest.raises(InvalidArgument, match=r"a Problem, which sfmcpp\.map\.problem_of_map makes of it"):
         sfmcpp.write(run.model, tmp_path / "model")
