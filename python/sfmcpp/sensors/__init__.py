@@ -23,7 +23,6 @@ from sfmcpp.sensors.odometer import (
     camera_displacement,
     carried_over,
     dead_stretches,
-    doubtful_stretches,
     travelled_distance,
 )
 from sfmcpp.sensors.position_check import BendCheck, PositionClock, check_bends, check_position_clock
@@ -43,6 +42,7 @@ from sfmcpp.sensors.registration import (
 )
 from sfmcpp.sensors.rotation_check import RotationCheck, check_rotations, check_turns
 from sfmcpp.sensors.slip import Slip, find_slip, is_easier_without, without_slip
+from sfmcpp.sensors.speed_leaps import doubtful_stretches
 from sfmcpp.sensors.stream import (
     describe_coverage,
     describe_gaps,

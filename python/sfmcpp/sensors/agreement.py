@@ -18,7 +18,8 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import LONGEST_PAUSE_S
 from sfmcpp.sensors.gps import local_positions
-from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2, travelled_distance
+from sfmcpp.sensors.odometer import travelled_distance
+from sfmcpp.sensors.speed_leaps import LARGEST_ACCELERATION_M_S2
 from sfmcpp.sensors.stream import measured_at, segments
 
 # Wrong units are factors of 3.6 and more; two fault-free sensors differ by less than this.

@@ -7,7 +7,7 @@ import numpy as np
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sensors.odometer import STANDING_M_S
+from sfmcpp.sensors.speed_leaps import STANDING_M_S
 from sfmcpp.sensors.stream import repeats, require_kind, rows_of_repeats
 
 # A value that is repeated for less time moves the body little, whatever its speed is [s].

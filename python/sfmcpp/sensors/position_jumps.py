@@ -10,7 +10,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_not_negative, require_positive
 from sfmcpp.model.sensor_stream import FASTEST_M_S
-from sfmcpp.sensors.odometer import LARGEST_ACCELERATION_M_S2
+from sfmcpp.sensors.speed_leaps import LARGEST_ACCELERATION_M_S2
 from sfmcpp.sensors.stream import local_medians, repeats, require_kind, rows_of_repeats
 
 # The velocity at a step is a median over this time [s] on either side, of at least 2 and at most 5 steps.
