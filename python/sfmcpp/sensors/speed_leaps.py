@@ -27,6 +27,9 @@ _NOISE_SIGMAS = 6.0
 _VARIED = 0.1
 # A leap undoes an earlier one if their factors on the speed agree to this share.
 _SAME = 0.15
+# Of a leap that nothing else takes back, the factor is known: one that takes it back to this share of its
+# logarithm may be less sudden by this share. At low speeds a factor makes small leaps.
+_FAINT_SAME, _FAINT_SHARE = 0.3, 1.0 / 3.0
 # Below this speed the body stands: every odometer repeats itself, and its factor may change without a leap.
 STANDING_M_S = 0.3
 # A wheel blocks that falls from at least this speed to standing within so many samples, and comes back
@@ -66,7 +69,9 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     step_m_s = step_of(stream)
     anew = measured_anew(t_s, speeds, step_m_s)
     t_s, speeds = t_s[anew], speeds[anew]
-    leaps = _speed_leaps(t_s, speeds, step_m_s)
+    leaps = _with_faint_partners(
+        speeds, _speed_leaps(t_s, speeds, step_m_s), _speed_leaps(t_s, speeds, step_m_s, _FAINT_SHARE)
+    )
     found: list[Gap] = []
     at = 0
     if _is_first_alone_wrong(speeds, leaps):
@@ -84,10 +89,11 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     return tuple(found)
 
 
-def _speed_leaps(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> list[int]:
+def _speed_leaps(t_s: FloatArray, speeds: FloatArray, step_m_s: float, share: float = 1.0) -> list[int]:
     """Samples after which the speed changes faster than it can, or otherwise than before and after.
 
-    Beyond what steps of the values explain, and stamps that are early or late by less than a period.
+    Beyond what steps of the values explain, and stamps that are early or late by less than a period; by this
+    share of what is no body's.
     """
     if len(speeds) < 3:
         return []
@@ -101,11 +107,27 @@ def _speed_leaps(t_s: FloatArray, speeds: FloatArray, step_m_s: float) -> list[i
     usual = local_medians(changes / even_s, _NEIGHBOURS)
     alone = np.minimum(np.abs(changes - usual * period_s), np.abs(changes - usual * even_s))
     fastest = LARGEST_ACCELERATION_M_S2 * even_s + step_m_s
-    most_sudden = _LARGEST_JERK_M_S3 * even_s**2 + 2.0 * step_m_s
+    most_sudden = share * _LARGEST_JERK_M_S3 * even_s**2 + 2.0 * step_m_s
     shaken = _NOISE_SIGMAS * np.sqrt(2.0) * noise  # by both ends
     too_fast = np.abs(changes) > fastest + shaken
     too_sudden = alone > most_sudden + shaken
     return [int(k) for k in np.flatnonzero(too_fast | too_sudden)]
+
+
+def _with_faint_partners(speeds: FloatArray, leaps: list[int], faint: list[int]) -> list[int]:
+    """Leaps, and beside each that no other takes back the faint one that does, if there is one."""
+    factors = np.log(np.maximum(speeds[1:], STANDING_M_S) / np.maximum(speeds[:-1], STANDING_M_S))
+    moving = np.minimum(speeds[1:], speeds[:-1]) > STANDING_M_S
+    found = set(leaps)
+    for leap in (k for k in leaps if moving[k]):
+        back = [
+            k
+            for k in faint
+            if moving[k] and abs(factors[k] + factors[leap]) < _FAINT_SAME * abs(factors[leap])
+        ]
+        if len(back) == 1:
+            found.update(back)
+    return sorted(found)
 
 
 def _end_of_factor(speeds: FloatArray, leaps: list[int], at: int) -> int:

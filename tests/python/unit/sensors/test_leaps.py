@@ -118,6 +118,20 @@ def test_a_factor_that_comes_and_goes_is_doubted_while_it_lasts(factor: float, k
     assert found.end_s == pytest.approx(30, abs=0.25)
 
 
+@pytest.mark.parametrize("factor", [1.1, 0.9])
+@pytest.mark.parametrize("slow_m_s", [(2.5, 6.0), (6.0, 2.5)])
+def test_a_leap_that_is_faint_for_low_speed_is_known_by_the_other(
+    factor: float, slow_m_s: tuple[float, float]
+) -> None:
+    t_s = np.arange(0, 30, 0.1)
+    true = np.interp(t_s, [0, 8, 14, 30], [slow_m_s[0], slow_m_s[0], slow_m_s[1], slow_m_s[1]])
+    noisy = true + 1e-3 * np.random.default_rng(0).normal(size=len(t_s))
+    faulty = (t_s >= 6) & (t_s < 16)
+    (found,) = doubtful_stretches(stream_of(t_s, noisy * np.where(faulty, factor, 1.0)))
+    assert found.start_s == pytest.approx(6, abs=0.25)
+    assert found.end_s == pytest.approx(16, abs=0.25)
+
+
 def test_a_leap_that_is_not_taken_back_lasts_until_the_body_stands() -> None:
     t_s = np.arange(0, 40, 0.1)
     values = np.where(t_s < 10, 10.0, 13.0)
