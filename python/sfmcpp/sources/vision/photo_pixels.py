@@ -100,17 +100,13 @@ def as_levels(file: Path, data: bytes, image: Any) -> NDArray[np.uint8] | NDArra
     pixels = decoded(file, image, mode)
     if is_deep:
         pixels = _deep_colors(data, pixels)
-    if (
-        pixels.dtype.kind in "iu"
-        and pixels.ndim == 2
-        and 0 <= pixels.min() <= pixels.max() <= _MOST_OF_16_BITS
-    ):
+    if pixels.ndim == 2 and _fits_16_bits(pixels):
         return _of_three(pixels.astype(np.uint16))
     return pixels if pixels.dtype in (np.uint8, np.uint16) else _of_8_bits(pixels)
 
 
 def _fits_16_bits(grey: NDArray[Any]) -> bool:
-    return grey.dtype.kind in "iu" and grey.min() >= 0 and grey.max() <= _MOST_OF_16_BITS
+    return grey.dtype.kind in "iu" and bool(0 <= grey.min() <= grey.max() <= _MOST_OF_16_BITS)
 
 
 def with_8_bits(levels: NDArray[Any]) -> NDArray[np.uint8]:
