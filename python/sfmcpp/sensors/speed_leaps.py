@@ -69,9 +69,9 @@ def doubtful_stretches(stream: SensorStream) -> tuple[Gap, ...]:
     step_m_s = step_of(stream)
     anew = measured_anew(t_s, speeds, step_m_s)
     t_s, speeds = t_s[anew], speeds[anew]
-    leaps = _with_faint_partners(
-        speeds, _speed_leaps(t_s, speeds, step_m_s), _speed_leaps(t_s, speeds, step_m_s, _FAINT_SHARE)
-    )
+    leaps = _speed_leaps(t_s, speeds, step_m_s)
+    if leaps:
+        leaps = _with_faint_partners(speeds, leaps, _speed_leaps(t_s, speeds, step_m_s, _FAINT_SHARE))
     found: list[Gap] = []
     at = 0
     if _is_first_alone_wrong(speeds, leaps):
