@@ -39,7 +39,10 @@ class ChangingSolver final : public LinearSolver {
 
   std::vector<int> iterations_of_solves() const override { return iterations_of_solves_; }
   void replay(const std::vector<int>& iterations_of_solves) override {
-    for (int iterations : iterations_of_solves) learn(iterations);
+    for (int iterations : iterations_of_solves) {
+      solver_->replay({iterations});
+      learn(iterations);
+    }
   }
 
   bool can_solve_again(Unknowns unknowns) const override {

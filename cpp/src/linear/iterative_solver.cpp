@@ -16,6 +16,9 @@ constexpr double kTrustedTolerance = 1e-4;
 // the Jacobian each costs about as much as the linearisation.
 constexpr double kFloorOfBlocks = 3e-3;
 constexpr double kFloorFromJacobian = 1e-2;
+// A step of more iterations than this brings in the coarse space for the next: with it, they cost
+// half as much again and are five to ten times fewer.
+constexpr int kIterationsOfOneLevel = 25;
 
 // What a camera costs in an iteration, in blocks of S: those of its row, and its share of the
 // factor of its cluster, which is read twice; or, from the Jacobian, observations.
@@ -83,10 +86,26 @@ LinearSolveResult IterativeSolver::solve(const Damping& damping,
               solution_);
   if (schur.is_rounded() && tolerance < kTrustedTolerance && !result.stopped)
     refine(tolerance, should_stop, result, solution_);
+  learn(result.iterations);
   if (!result.finite) return {.success = false, .iterations = result.iterations};
   product_.columns().gather(solution_, step.camera);
   elimination_.back_substitute(step);
   return {.success = true, .iterations = result.iterations};
+}
+
+void IterativeSolver::learn(int iterations) {
+  iterations_of_solves_.push_back(iterations);
+  if (iterations > kIterationsOfOneLevel) preconditioner_.take_coarse_space();
+}
+
+void IterativeSolver::replay(const std::vector<int>& iterations_of_solves) {
+  for (int iterations : iterations_of_solves) learn(iterations);
+}
+
+// The forcing sequence stops at a plateau; with a coarse space there are such, when what is smooth
+// is solved for and the rest is not, and the residual tells how far the solution is.
+double IterativeSolver::forcing() const {
+  return options_.pcg_tolerance || preconditioner_.uses_coarse_space() ? 0.0 : options_.pcg_forcing;
 }
 
 // A step with other columns held has the same S but for λD.
@@ -108,9 +127,7 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
       [this](const auto& in, auto& out) { product_.apply(diagonal_, in, out); },
       [this](const auto& in, auto& out) { precondition(in, out); },
       residual,
-      {.tolerance = tolerance,
-       .forcing = options_.pcg_tolerance ? 0.0 : options_.pcg_forcing,
-       .max_iterations = max_iterations},
+      {.tolerance = tolerance, .forcing = forcing(), .max_iterations = max_iterations},
       should_stop,
       x);
 }

@@ -26,6 +26,8 @@ class IterativeSolver final : public LinearSolver {
                           Step& step,
                           const std::function<bool()>& should_stop) override;
   bool wants_camera_modes() const override { return preconditioner_.wants_camera_modes(); }
+  std::vector<int> iterations_of_solves() const override { return iterations_of_solves_; }
+  void replay(const std::vector<int>& iterations_of_solves) override;
   bool can_solve_again(Unknowns unknowns) const override { return unknowns == Unknowns::kPoints; }
   bool solve_again(Unknowns, std::span<const double> residuals, Step& step) override {
     other_residuals_.solve_points(residuals, step);
@@ -38,6 +40,8 @@ class IterativeSolver final : public LinearSolver {
                   const std::shared_ptr<const ReducedStructure>& structure,
                   const CameraGroups& groups);
   void form(const Damping& damping);
+  void learn(int iterations);
+  double forcing() const;
   ConjugateGradientResult correct(const Vector& residual,
                                   double tolerance,
                                   int max_iterations,
@@ -66,6 +70,7 @@ class IterativeSolver final : public LinearSolver {
   Vector damping_, whole_rhs_;          // of all ranks' columns: λD, and the right-hand side
   Vector diagonal_;  // λD of this rank's columns, as all vectors but those of the preconditioner
   Vector rhs_, solution_;
+  std::vector<int> iterations_of_solves_;
   Vector in_, out_;  // of the preconditioner, where there are more ranks
 };
 

@@ -119,11 +119,6 @@ namespace {
 // With fewer cameras an iteration costs nothing beside the forming of S.
 constexpr int kManyCameras = 500;
 
-PreconditionerKind chosen(PreconditionerKind kind, int cameras) {
-  if (kind != PreconditionerKind::kAuto) return kind;
-  return cameras < kManyCameras ? PreconditionerKind::kSchurJacobi : PreconditionerKind::kClusters;
-}
-
 Aggregates each_alone(int cameras) {
   Aggregates result;
   result.members.resize(cameras);
@@ -139,13 +134,16 @@ CameraGroups group_cameras(const NormalEquations& normal,
                            const CameraPattern* pattern,
                            PreconditionerKind kind) {
   const int cameras = normal.graph().num_cameras;
-  kind = pattern == nullptr ? PreconditionerKind::kSchurJacobi : chosen(kind, cameras);
+  const bool is_auto = kind == PreconditionerKind::kAuto;
+  if (is_auto) kind = PreconditionerKind::kTwoLevels;
+  if (pattern == nullptr || (is_auto && cameras < kManyCameras))
+    kind = PreconditionerKind::kSchurJacobi;
   if (kind == PreconditionerKind::kSchurJacobi)
     return {.kind = kind, .clusters = each_alone(cameras)};
   CameraNeighbours neighbours =
       neighbours_of(normal.graph(), *pattern, normal.pool(), normal.exchange());
   Aggregates clusters = aggregate_cameras(neighbours, kCamerasOfCluster);
-  return {kind, std::move(neighbours), std::move(clusters)};
+  return {kind, is_auto, std::move(neighbours), std::move(clusters)};
 }
 
 SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
@@ -162,6 +160,7 @@ SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
   clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, partition, groups.clusters);
   if (groups.kind == PreconditionerKind::kTwoLevels)
     coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, partition, groups.neighbours);
+  if (!groups.coarse_later) take_coarse_space();
 }
 
 void SchurPreconditioner::factor(const std::vector<double>& damping) {
@@ -170,7 +169,7 @@ void SchurPreconditioner::factor(const std::vector<double>& damping) {
     find_left();
   }
   diagonal_.factor(damping, left_);
-  if (coarse_) coarse_->factor(damping);
+  if (uses_coarse_) coarse_->factor(damping);
 }
 
 void SchurPreconditioner::find_left() {
@@ -186,7 +185,7 @@ void SchurPreconditioner::find_left() {
 void SchurPreconditioner::solve(const std::vector<double>& in, std::vector<double>& out) {
   diagonal_.solve(in, out, left_);
   if (clusters_) clusters_->solve(in, out);
-  if (coarse_) coarse_->add_correction(in, out);
+  if (uses_coarse_) coarse_->add_correction(in, out);
 }
 
 }  // namespace sfmcpp::linear

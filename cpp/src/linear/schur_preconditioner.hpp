@@ -64,6 +64,7 @@ class ClusterBlocks {
 // Which cameras the preconditioner solves for together; formed before S is distributed over ranks.
 struct CameraGroups {
   PreconditionerKind kind;        // not auto
+  bool coarse_later = false;      // of two levels, the second once the first is not enough
   CameraNeighbours neighbours{};  // where the kind asks for them
   Aggregates clusters{};          // else each camera alone
 };
@@ -89,6 +90,9 @@ class SchurPreconditioner {
   // of its own cameras, and has zeros in those of others.
   void solve(const std::vector<double>& in, std::vector<double>& out);
 
+  // From the next `factor` on with the coarse space, if it has one.
+  void take_coarse_space() { uses_coarse_ = coarse_ != nullptr; }
+  bool uses_coarse_space() const { return uses_coarse_; }
   bool wants_camera_modes() const { return coarse_ != nullptr; }
 
  private:
@@ -99,6 +103,7 @@ class SchurPreconditioner {
   std::vector<int> own_, left_;  // variable blocks; those that no cluster solves for
   std::unique_ptr<ClusterBlocks> clusters_;
   std::unique_ptr<CoarseSpace> coarse_;
+  bool uses_coarse_ = false;
 };
 
 }  // namespace sfmcpp::linear
