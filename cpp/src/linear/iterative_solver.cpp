@@ -18,7 +18,7 @@ constexpr double kFloorOfBlocks = 3e-3;
 constexpr double kFloorFromJacobian = 1e-2;
 // A step of more iterations than this brings in the coarse space for the next: with it, they cost
 // half as much again and are five to ten times fewer.
-constexpr int kIterationsOfOneLevel = 25;
+constexpr int kIterationsOfOneLevel = 20;
 
 // What a camera costs in an iteration, in blocks of S: those of its row, and its share of the
 // factor of its cluster, which is read twice; or, from the Jacobian, observations.
