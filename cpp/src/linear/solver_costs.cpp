@@ -38,15 +38,21 @@ IterativeCounts count_from_jacobian(const SolverCounts& counts) {
           .kept_bytes = kNumber * (9 * counts.points + counts.cameras * 2 * d * d)};
 }
 
-// With the preconditioner of clusters, in single precision and read twice by halves.
+// The coarse matrix and its factor, in blocks of the modes of an aggregate for each camera: 10.4 on
+// a city of 3,000 cameras, 14 on one of 10,000.
+constexpr double kCoarseBlocks = 14;
+
+// With the preconditioner of clusters, in single precision and read twice by halves, and memory for
+// the coarse space that may come in later.
 IterativeCounts count_with_blocks(const SolverCounts& counts) {
   const double d = counts.camera_size;
   const double above = counts.blocks - counts.cameras;
   const double bytes = above * (sizeof(float) * d * d + sizeof(int));
   const double of_clusters = counts.cameras * kCamerasOfCluster * d * d * sizeof(float);
+  const double of_coarse_space = counts.cameras * kNumber * kCoarseBlocks * (d + 1) * (d + 1);
   return {.iteration_bytes =
               bytes + of_clusters + counts.cameras * (kNumber * d * d + bytes_of_camera(d)),
-          .kept_bytes = bytes + of_clusters +
+          .kept_bytes = bytes + of_clusters + of_coarse_space +
                         kNumber * (6 * counts.points + counts.cameras * (2 * d * d + 18 * d))};
 }
 

@@ -253,5 +253,44 @@ TEST(PreconditionersOfAChain, OfLargerPartsTakeFewerIterations) {
   }
 }
 
+class CoarseSpaceLater : public testing::Test {
+ protected:
+  CoarseSpaceLater() { set_modes(chain_); }
+  IterativeSolver make(PreconditionerKind kind) const {
+    return {chain_.normal(),
+            {.kind = LinearSolverKind::kIterative, .pcg_tolerance = 1e-9, .preconditioner = kind},
+            structure_of(chain_)};
+  }
+  static Step solve(IterativeSolver& solver) {
+    Step step;
+    EXPECT_TRUE(solver.solve({1e-6, DampingMatrix::kDiagonal}, step, [] { return false; }).success);
+    return step;
+  }
+
+  RandomSystem chain_{
+      {.cameras = 520, .points = 2600, .camera_size = 6, .window = 4, .dense = false}};
+};
+
+TEST_F(CoarseSpaceLater, ComesInAfterAStepOfManyIterations) {
+  IterativeSolver by_itself = make(PreconditionerKind::kAuto);
+  IterativeSolver clusters = make(PreconditionerKind::kClusters);
+  IterativeSolver two_levels = make(PreconditionerKind::kTwoLevels);
+  const Step of_one_level = solve(clusters), of_two_levels = solve(two_levels);
+  ASSERT_NE(of_one_level.camera, of_two_levels.camera);
+  EXPECT_EQ(solve(by_itself).camera, of_one_level.camera);
+  ASSERT_GT(by_itself.iterations_of_solves().at(0), 20);
+  EXPECT_EQ(solve(by_itself).camera, of_two_levels.camera);
+  EXPECT_EQ(solve(clusters).camera, of_one_level.camera);
+}
+
+TEST_F(CoarseSpaceLater, ComesInFromTheIterationsOfEarlierSolves) {
+  IterativeSolver solver = make(PreconditionerKind::kAuto);
+  IterativeSolver replayed = make(PreconditionerKind::kAuto);
+  solve(solver);
+  replayed.replay(solver.iterations_of_solves());
+  EXPECT_EQ(solve(replayed).camera, solve(solver).camera);
+  EXPECT_EQ(replayed.iterations_of_solves(), solver.iterations_of_solves());
+}
+
 }  // namespace
 }  // namespace sfmcpp::linear::schur_preconditioner_test
