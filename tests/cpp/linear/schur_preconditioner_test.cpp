@@ -268,7 +268,7 @@ class CoarseSpaceLater : public testing::Test {
   }
 
   RandomSystem chain_{
-      {.cameras = 520, .points = 2600, .camera_size = 6, .window = 4, .dense = false}};
+      {.cameras = 520, .points = 1600, .camera_size = 6, .window = 2, .dense = false}};
 };
 
 TEST_F(CoarseSpaceLater, ComesInAfterAStepOfManyIterations) {
