@@ -105,7 +105,8 @@ void IterativeSolver::replay(const std::vector<int>& iterations_of_solves) {
 // The forcing sequence stops at a plateau; with a coarse space there are such, when what is smooth
 // is solved for and the rest is not, and the residual tells how far the solution is.
 double IterativeSolver::forcing() const {
-  return options_.pcg_tolerance || preconditioner_.uses_coarse_space() ? 0.0 : options_.pcg_forcing;
+  return options_.pcg_tolerance || preconditioner_.has_coarse_correction() ? 0.0
+                                                                           : options_.pcg_forcing;
 }
 
 // A step with other columns held has the same S but for λD.

@@ -92,7 +92,8 @@ class SchurPreconditioner {
 
   // From the next `factor` on with the coarse space, if it has one.
   void take_coarse_space() { uses_coarse_ = coarse_ != nullptr; }
-  bool uses_coarse_space() const { return uses_coarse_; }
+  // As factored last.
+  bool has_coarse_correction() const { return uses_coarse_ && coarse_->is_usable(); }
   bool wants_camera_modes() const { return coarse_ != nullptr; }
 
  private:
