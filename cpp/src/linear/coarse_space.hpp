@@ -29,7 +29,6 @@ class CoarseSpace {
   // For the blocks that are assembled now, with λD in `diagonal`. Without modes, or where the
   // coarse matrix is not positive definite, the correction is zero.
   void factor(const std::vector<double>& diagonal);
-  bool is_usable() const { return usable_; }
   // z += Z (Zᵀ S Z)⁻¹ Zᵀ r; of several ranks each has r, and gets z, of its own cameras.
   void add_correction(const std::vector<double>& r, std::vector<double>& z);
 

@@ -102,13 +102,6 @@ void IterativeSolver::replay(const std::vector<int>& iterations_of_solves) {
   for (int iterations : iterations_of_solves) learn(iterations);
 }
 
-// The forcing sequence stops at a plateau; with a coarse space there are such, when what is smooth
-// is solved for and the rest is not, and the residual tells how far the solution is.
-double IterativeSolver::forcing() const {
-  return options_.pcg_tolerance || preconditioner_.has_coarse_correction() ? 0.0
-                                                                           : options_.pcg_forcing;
-}
-
 // A step with other columns held has the same S but for λD.
 void IterativeSolver::form(const Damping& damping) {
   const DampedSystem wanted = normal_.damped(damping);
@@ -128,7 +121,9 @@ ConjugateGradientResult IterativeSolver::correct(const Vector& residual,
       [this](const auto& in, auto& out) { product_.apply(diagonal_, in, out); },
       [this](const auto& in, auto& out) { precondition(in, out); },
       residual,
-      {.tolerance = tolerance, .forcing = forcing(), .max_iterations = max_iterations},
+      {.tolerance = tolerance,
+       .forcing = options_.pcg_tolerance ? 0.0 : options_.pcg_forcing,
+       .max_iterations = max_iterations},
       should_stop,
       x);
 }

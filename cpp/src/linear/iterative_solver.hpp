@@ -41,7 +41,6 @@ class IterativeSolver final : public LinearSolver {
                   const CameraGroups& groups);
   void form(const Damping& damping);
   void learn(int iterations);
-  double forcing() const;
   ConjugateGradientResult correct(const Vector& residual,
                                   double tolerance,
                                   int max_iterations,

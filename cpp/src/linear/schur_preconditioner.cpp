@@ -133,17 +133,21 @@ Aggregates each_alone(int cameras) {
 CameraGroups group_cameras(const NormalEquations& normal,
                            const CameraPattern* pattern,
                            PreconditionerKind kind) {
+  using Use = CoarseSpaceUse;
   const int cameras = normal.graph().num_cameras;
   const bool is_auto = kind == PreconditionerKind::kAuto;
-  if (is_auto) kind = PreconditionerKind::kTwoLevels;
-  if (pattern == nullptr || (is_auto && cameras < kManyCameras))
-    kind = PreconditionerKind::kSchurJacobi;
-  if (kind == PreconditionerKind::kSchurJacobi)
-    return {.kind = kind, .clusters = each_alone(cameras)};
+  if (pattern == nullptr || kind == PreconditionerKind::kSchurJacobi)
+    return {.clusters = each_alone(cameras)};
+  const bool are_clusters = !is_auto || cameras >= kManyCameras;
   CameraNeighbours neighbours =
       neighbours_of(normal.graph(), *pattern, normal.pool(), normal.exchange());
-  Aggregates clusters = aggregate_cameras(neighbours, kCamerasOfCluster);
-  return {kind, is_auto, std::move(neighbours), std::move(clusters)};
+  return {.clusters =
+              are_clusters ? aggregate_cameras(neighbours, kCamerasOfCluster) : each_alone(cameras),
+          .are_clusters = are_clusters,
+          .coarse_space = is_auto                                  ? Use::kLater
+                          : kind == PreconditionerKind::kTwoLevels ? Use::kAtOnce
+                                                                   : Use::kNever,
+          .neighbours = std::move(neighbours)};
 }
 
 SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
@@ -156,11 +160,11 @@ SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
     if (owners[map_.block_begin[b]] == normal.exchange().rank()) own_.push_back(b);
   }
   left_ = own_;
-  if (groups.kind == PreconditionerKind::kSchurJacobi) return;
-  clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, partition, groups.clusters);
-  if (groups.kind == PreconditionerKind::kTwoLevels)
+  if (groups.are_clusters)
+    clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, partition, groups.clusters);
+  if (groups.coarse_space != CoarseSpaceUse::kNever)
     coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, partition, groups.neighbours);
-  if (!groups.coarse_later) take_coarse_space();
+  if (groups.coarse_space == CoarseSpaceUse::kAtOnce) take_coarse_space();
 }
 
 void SchurPreconditioner::factor(const std::vector<double>& damping) {

@@ -61,12 +61,14 @@ class ClusterBlocks {
   std::vector<char> is_covered_;  // column
 };
 
+enum class CoarseSpaceUse { kNever, kLater, kAtOnce };
+
 // Which cameras the preconditioner solves for together; formed before S is distributed over ranks.
 struct CameraGroups {
-  PreconditionerKind kind;        // not auto
-  bool coarse_later = false;      // of two levels, the second once the first is not enough
-  CameraNeighbours neighbours{};  // where the kind asks for them
-  Aggregates clusters{};          // else each camera alone
+  Aggregates clusters;        // or each camera alone
+  bool are_clusters = false;  // else Schur–Jacobi
+  CoarseSpaceUse coarse_space = CoarseSpaceUse::kNever;
+  CameraNeighbours neighbours{};  // where there may be a coarse space
 };
 
 // `pattern` is of all ranks; null: S is not formed, and Schur–Jacobi is all there can be.
@@ -92,8 +94,6 @@ class SchurPreconditioner {
 
   // From the next `factor` on with the coarse space, if it has one.
   void take_coarse_space() { uses_coarse_ = coarse_ != nullptr; }
-  // As factored last.
-  bool has_coarse_correction() const { return uses_coarse_ && coarse_->is_usable(); }
   bool wants_camera_modes() const { return coarse_ != nullptr; }
 
  private:

@@ -43,8 +43,8 @@ struct EnumTraits<linear::PreconditionerKind> {
   static constexpr auto kTable = std::to_array<EnumRow<linear::PreconditionerKind>>(
       {{linear::PreconditionerKind::kAuto,
         "auto",
-        "clusters for many cameras whose Schur complement is formed in blocks, two-levels from the "
-        "first step of many iterations on; else schur-jacobi"},
+        "schur-jacobi, or clusters for many cameras; the neighbourhoods of two-levels too from the "
+        "first step of many iterations on, where the Schur complement is formed in blocks"},
        {linear::PreconditionerKind::kSchurJacobi,
         "schur-jacobi",
         "the blocks of single cameras of the Schur complement"},
