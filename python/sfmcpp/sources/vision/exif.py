@@ -28,7 +28,7 @@ _ORIENTATION, _MIRRORED = 0x0112, (2, 4, 5, 7)
 _TIMES = ((0x9003, 0x9291), (0x9004, 0x9292))  # taken, digitised: each with its parts of a second
 _FOCAL_MM, _FOCAL_35MM = 0x920A, 0xA405
 _LENS, _BODY_SERIAL = 0xA434, 0xA431
-_STORED_SIZE = (0xA002, 0xA003)
+STORED_SIZE = (0xA002, 0xA003)
 _PLANE_RESOLUTION, _PLANE_UNIT = (0xA20E, 0xA20F), 0xA210
 _LATITUDE, _LONGITUDE, _ALTITUDE, _STATUS = 2, 4, 6, 9
 # How a phone of Apple has made the image of several.
@@ -63,7 +63,7 @@ class ExifFacts:
 
 def exif_facts(image: Any) -> ExifFacts:
     """EXIF facts of an image that Pillow has opened, without decoding it."""
-    main, exif, gps = _blocks(image)
+    main, exif, gps = exif_blocks(image)
     width, height = image.size
     position, packet = _position(gps), _xmp_packet(image)
     return ExifFacts(
@@ -78,7 +78,7 @@ def exif_facts(image: Any) -> ExifFacts:
     )
 
 
-def _blocks(image: Any) -> tuple[Tags, Tags, Tags]:
+def exif_blocks(image: Any) -> tuple[Tags, Tags, Tags]:
     """The main block and those of EXIF and GPS, as far as they can be read."""
     found: list[Tags] = [{}, {}, {}]
     # Of PNG, Pillow would decode all pixels to look for a block behind them.
@@ -112,7 +112,7 @@ def _focal_from_plane(exif: Tags, size: tuple[int, int]) -> float | None:
     resolution = next((r for tag in _PLANE_RESOLUTION if (r := _positive(exif.get(tag)))), None)
     if focal_mm is None or unit is None or resolution is None:
         return None
-    stored = max((s for tag in _STORED_SIZE if (s := _positive(exif.get(tag)))), default=float(max(size)))
+    stored = max((s for tag in STORED_SIZE if (s := _positive(exif.get(tag)))), default=float(max(size)))
     return focal_mm * resolution / unit * max(size) / stored
 
 
