@@ -19,7 +19,7 @@ from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.still_features import stands_still
 from sfmcpp.sfm.zoomed_images import zoom_warnings
-from sfmcpp.sources.vision.images import photos_of_video
+from sfmcpp.sources.vision.images import jpeg_of_foreign, photos_of_video
 from sfmcpp.sources.vision.photos import PhotoFolder
 
 # How the warning begins that says why there is no model.
@@ -108,7 +108,7 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
         count = len(folder.foreign)
         photos = "1 photo is of a kind" if count == 1 else f"{count} photos are of kinds"
         few = ", ".join(folder.foreign[:_MOST_NAMED]) + (", …" if count > _MOST_NAMED else "")
-        warnings.append(f"{photos} not read here, and left out: {few}; convert to JPEG")
+        warnings.append(f"{photos} not read here, and left out: {few}; {jpeg_of_foreign(folder.foreign[0])}")
     warnings += _warnings_of_mirrored([photo.name for photo in folder.photos if photo.is_mirrored])
     warnings += _warnings_of_panoramas([photo.name for photo in folder.photos if photo.is_panorama])
     return warnings + _warnings_of_further_images(folder.photos)

@@ -33,7 +33,10 @@ def test_copies_and_videos_are_left_aside_and_named(tmp_path: Path) -> None:
     copies, videos, foreign = (warning for warning in run.warnings if warning not in alone.warnings)
     assert copies == f"1 image is a copy, byte for byte, and left out: {first.stem} copy.png of {first.name}"
     assert videos.startswith("1 video is not read: clip.mp4; `ffmpeg -i clip.mp4 ")
-    assert foreign == "1 photo is of a kind not read here, and left out: phone.heic; convert to JPEG"
+    assert foreign == (
+        "1 photo is of a kind not read here, and left out: phone.heic; convert to JPEG: "
+        "`mogrify -format jpg *.heic`"
+    )
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "webp"])
@@ -74,6 +77,18 @@ def test_files_that_a_model_might_have_do_not_hide_photos(tmp_path: Path, name: 
     assert reconstruct(tmp_path, subpixel=False).images.keys() == {"a.png", "b.png"}
     (tmp_path / "images.bin").write_bytes(b"no matter")
     with pytest.raises(DatasetError, match="without a COLMAP model"):
+        reconstruct(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [("IMG_1.HEIC", r"`mogrify -format jpg \*\.HEIC`"), ("a.dng", "8 or 16 bits of TIFF")],
+)
+def test_a_folder_of_photos_that_are_not_read_tells_what_to_do(
+    tmp_path: Path, name: str, remedy: str
+) -> None:
+    (tmp_path / name).write_bytes(b"no matter")
+    with pytest.raises(DatasetError, match=rf"kinds that are not read, as {name}; convert to JPEG.*{remedy}"):
         reconstruct(tmp_path)
 
 
