@@ -19,6 +19,8 @@ from sfmcpp.model.uncertainty import Whitener
 # Pixels so far outside their image, in its larger side, are no rounding. Of images twice as large, whose
 # pixels fill them, 70 % are outside; fewer are outliers, or those of a synthetic scene with a wide view.
 _MARGIN, _SHARE = 0.1, 0.3
+# Rectilinear lenses reach 65° off their axis (2.1 focal lengths), fish-eyes 110° (1.9), in the corners.
+_BEYOND_LENSES, _MOST_OF_IMAGE = 4.0, 0.5
 # So many observations are not all in one quadrant by chance.
 _FEWEST = 50
 # So many observations, evenly spread, tell a share; so many of the first mostly tell that not all are alike.
@@ -42,7 +44,7 @@ _LEAST_RMS = 0.4
 
 
 def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list[str]:
-    """Warn of pixels far outside of the images, or that count from a corner where there is no corner.
+    """Warn of focal lengths of no lens, and of pixels outside of images or from a corner that is none.
 
     Parameters
     ----------
@@ -63,7 +65,41 @@ def warnings_about_calibration(problem: Problem, intrinsics: FloatArray) -> list
     ):
         if index.size and not 0 <= index.min() <= index.max() < end:
             return []  # changed by a callback since
+    if (short := short_focal(problem, intrinsics)) is not None:
+        return [f"{short}. Run sfmcpp doctor"]
     return [*_pixels(problem, intrinsics), *_of_one_quadrant(problem, intrinsics)]
+
+
+def short_focal(problem: Problem, intrinsics: FloatArray) -> str | None:
+    """What tells that focal lengths are in another unit than pixels, or None.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of a metric camera model with a name.
+    intrinsics : (G, K) float64
+        Those to look at, in the rows and columns of the problem.
+    """
+    if problem.num_observations < _FEWEST or "f" not in problem.intrinsic_names:
+        return None
+    rows = problem.intrinsics_index[problem.camera_index[_sample(problem)]]
+    centres = _principal_points(problem, intrinsics)
+    focals = np.abs(intrinsics[:, problem.intrinsic_names.index("f")])
+    x, y = problem.pixels[_sample(problem)].T
+    if centres is not None:
+        x, y = x - centres[rows, 0], y - centres[rows, 1]
+    radii = np.hypot(x, y)
+    beyond = (radii > _BEYOND_LENSES * focals[rows]) & (focals[rows] > 0)
+    share = np.count_nonzero(beyond) / len(rows)
+    if share <= _MOST_OF_IMAGE:
+        return None
+    focal, radius = float(np.median(focals[rows][beyond])), float(np.median(radii[beyond]))
+    angle = math.degrees(math.atan2(radius, focal))
+    return (
+        f"f = {focal:.4g} px, with pixels {radius:.3g} px from the principal point, is a view {angle:.0f}° "
+        "off the axis, which no lens has: is f in mm? It must be in px: mm × image width [px] / sensor width "
+        "[mm]"
+    )
 
 
 def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
@@ -172,6 +208,8 @@ def warnings_about_loss(arrays: dict[str, Any], summary: Summary, ranks: Ranks |
     is_small = summary.final_rms_px < _LEAST_RMS * summary.loss_scale_px
     if summary.loss == "squared" or (is_small and not isinstance(summary.loss, LossFunction)):
         return []
+    if not math.isfinite(summary.final_rms_px):
+        return []  # the summary says so, and NumPy would warn of squares
     squared = np.square(_core.residuals(arrays)).sum(axis=1)
     _, weights, _ = _core.loss_terms(summary.loss, summary.loss_scale_px, squared)
     counts = np.array([np.count_nonzero(weights < _LITTLE_WEIGHT), len(weights)])

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.ba import LinearModel
+from sfmcpp.ba.doubtful_input import short_focal
 from sfmcpp.doctor.case import Case, image_sizes_px
 from sfmcpp.doctor.finding import Finding, counted, numbers
 from sfmcpp.doctor.trial import (
@@ -60,6 +61,19 @@ def focal_signs(case: Case) -> Iterator[Finding]:
             case.named_cameras(cameras),
             cameras=cameras,
         )
+
+
+def focal_unit(case: Case) -> Iterator[Finding]:
+    """Find focal lengths that are in millimetres, or otherwise those of no lens."""
+    if case.is_misread or (short := short_focal(case.problem, case.problem.intrinsics)) is None:
+        return
+    case.is_misread = True
+    yield Finding(
+        "short-focal",
+        "error",
+        short,
+        "multiply f by the pixels per mm of the sensor, or take it from K or EXIF",
+    )
 
 
 def calibration(case: Case) -> Iterator[Finding]:

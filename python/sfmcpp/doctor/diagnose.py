@@ -10,7 +10,7 @@ import numpy as np
 from sfmcpp import _core
 from sfmcpp.ba import Summary, check
 from sfmcpp.ba.arrays import core_arrays
-from sfmcpp.doctor.calibration import calibration, focal_signs, undetermined
+from sfmcpp.doctor.calibration import calibration, focal_signs, focal_unit, undetermined
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.configuration import angles, coincident_centres, pure_rotation, units
 from sfmcpp.doctor.connections import connections
@@ -36,6 +36,7 @@ from sfmcpp.model.residual_group import Group, checked_groups
 # Causes before what follows from them: of one severity, findings stay in this order.
 _EXAMINATIONS: tuple[Callable[[Case], Iterator[Finding]], ...] = (
     focal_signs,
+    focal_unit,
     coincident_centres,
     conventions,
     pure_rotation,

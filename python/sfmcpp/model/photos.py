@@ -44,6 +44,10 @@ class Photo:
         Standard deviations of the position, east, north and up [m].
     is_mirrored : bool
         Whether its file asks to be shown as its mirror image; pixels are as they are stored.
+    is_panorama : bool
+        Whether its file says that it was joined from several photos, or shows all around: no camera's image.
+    further_images : int
+        Images of the same size that its file holds besides, as frames of an animation or pages; not read.
     """
 
     name: str
@@ -57,6 +61,8 @@ class Photo:
     mask: Path | None = None
     position_sigmas_m: tuple[float, float, float] | None = None
     is_mirrored: bool = False
+    is_panorama: bool = False
+    further_images: int = 0
 
 
 @dataclass(frozen=True, eq=False)

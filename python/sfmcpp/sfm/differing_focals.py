@@ -101,7 +101,7 @@ def _warning(world: Map, found: _OwnFocals, torn: NDArray[np.intp]) -> str:
     """What is to be said of them; empty if they are alike. Pairs with `torn` images contradict the model.
 
     Where focal lengths are hardly determined, as in flights, errors of the lens move them beyond their σ, but
-    the model fits all pairs.
+    the model fits all pairs, and there is no gap between them.
     """
     logs = np.log(np.maximum(found.shares, 1e-6))
     remedy = "one for all bends the model; if a zoom or several cameras were used, give --shared-camera each"
@@ -111,7 +111,7 @@ def _warning(world: Map, found: _OwnFocals, torn: NDArray[np.intp]) -> str:
             f"{found.shares.min():.2f} to {found.shares.max():.2f} of the median, and {remedy} (or folder)"
         )
     is_far = np.abs(logs) > np.maximum(np.log1p(_LEAST_CHANGE), _SIGMAS_OF_ONE * found.sigmas)
-    far = np.flatnonzero(is_far & np.isin(found.images, torn))
+    far = np.flatnonzero(is_far & (np.isin(found.images, torn) | _set_apart(logs, found.sigmas)))
     if not len(far):
         return ""
     far = far[np.argsort(-np.abs(logs[far]), kind="stable")]
@@ -125,6 +125,20 @@ def _warning(world: Map, found: _OwnFocals, torn: NDArray[np.intp]) -> str:
         f"{photos} to differ in focal length from others that share the camera, as after a digital zoom or a "
         f"crop: {few}{more}; {remedy}"
     )
+
+
+def _set_apart(logs: FloatArray, sigmas: FloatArray) -> BoolArray:
+    """Those of the smaller part on one side of the widest gap, if that is wide and they are several."""
+    order = np.argsort(logs, kind="stable")
+    gaps = np.diff(logs[order])
+    apart = np.zeros(len(logs), dtype=np.bool_)
+    if not len(gaps):
+        return apart
+    before = int(np.argmax(gaps)) + 1
+    smaller = order[before:] if 2 * before >= len(logs) else order[:before]
+    if gaps[before - 1] > max(np.log1p(_LEAST_CHANGE), _SIGMAS_OF_ONE * float(np.median(sigmas))):
+        apart[smaller] = len(smaller) > 1
+    return apart
 
 
 def _with_own_focals(problem: Problem, free: BoolArray) -> tuple[Problem, BoolArray]:

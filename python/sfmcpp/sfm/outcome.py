@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from sfmcpp.model.photos import Photo
 from sfmcpp.sfm.cameras import USUAL_FOCAL, Cameras
 from sfmcpp.sfm.contradictions import (
     contradiction_warning,
@@ -18,7 +19,7 @@ from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.still_features import stands_still
 from sfmcpp.sfm.zoomed_images import zoom_warnings
-from sfmcpp.sources.vision.images import photos_of_video
+from sfmcpp.sources.vision.images import jpeg_of_foreign, photos_of_video
 from sfmcpp.sources.vision.photos import PhotoFolder
 
 # How the warning begins that says why there is no model.
@@ -107,8 +108,10 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
         count = len(folder.foreign)
         photos = "1 photo is of a kind" if count == 1 else f"{count} photos are of kinds"
         few = ", ".join(folder.foreign[:_MOST_NAMED]) + (", …" if count > _MOST_NAMED else "")
-        warnings.append(f"{photos} not read here, and left out: {few}; convert to JPEG")
-    return warnings + _warnings_of_mirrored([photo.name for photo in folder.photos if photo.is_mirrored])
+        warnings.append(f"{photos} not read here, and left out: {few}; {jpeg_of_foreign(folder.foreign[0])}")
+    warnings += _warnings_of_mirrored([photo.name for photo in folder.photos if photo.is_mirrored])
+    warnings += _warnings_of_panoramas([photo.name for photo in folder.photos if photo.is_panorama])
+    return warnings + _warnings_of_further_images(folder.photos)
 
 
 def _warnings_of_mirrored(names: Sequence[str]) -> list[str]:
@@ -118,6 +121,30 @@ def _warnings_of_mirrored(names: Sequence[str]) -> list[str]:
     return [
         f"{photos} by EXIF to be shown mirrored, first {names[0]}; pixels are used as they are stored: if "
         "these are mirrored, the model is a mirror image or lacks them; `mogrify -auto-orient` mends them"
+    ]
+
+
+def _warnings_of_panoramas(names: Sequence[str]) -> list[str]:
+    if not names:
+        return []
+    photos = "1 photo is a panorama" if len(names) == 1 else f"{len(names)} photos are panoramas"
+    return [
+        f"{photos} by EXIF or XMP, first {names[0]}: no camera model fits, and the model may be wrong; leave "
+        "them out, or cut views from those that show all around: `ffmpeg -i IN -vf "
+        "v360=e:flat:yaw=90:h_fov=90:v_fov=90 OUT`"
+    ]
+
+
+def _warnings_of_further_images(photos: Sequence[Photo]) -> list[str]:
+    several = {photo.name: photo.further_images for photo in photos if photo.further_images}
+    if not several:
+        return []
+    files = "1 file holds" if len(several) == 1 else f"{len(several)} files hold"
+    few = ", ".join(f"{name} ({count} more)" for name, count in list(several.items())[:_MOST_NAMED])
+    more = ", …" if len(several) > _MOST_NAMED else ""
+    return [
+        f"{files} more than one image, and only the first is used: {few}{more}; save the others as files of "
+        "their own"
     ]
 
 

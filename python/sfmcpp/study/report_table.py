@@ -113,6 +113,11 @@ def _stated_accuracy(gps: GpsOutcome) -> str:
     return " as stated" if same else f" (stated: {gps.stated_sigma_m:.3g} m)"
 
 
+def _in_one_line(value: str) -> str:
+    """A value without line breaks: the name of a file with one must not look like a row of its own."""
+    return "\\n".join(value.splitlines())
+
+
 class ReportTable(ABC):
     """Report of a run as a table on screen."""
 
@@ -125,7 +130,7 @@ class ReportTable(ABC):
             Files to list at its end.
         """
         rows = [*self._rows(), *(("written", str(path)) for path in written)]
-        return "\n".join(f"{name:<16}{value}" for name, value in rows)
+        return "\n".join(f"{name:<16}{_in_one_line(value)}" for name, value in rows)
 
     def __str__(self) -> str:
         return self.table()

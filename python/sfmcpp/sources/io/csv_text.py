@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from sfmcpp.errors import DatasetError
-from sfmcpp.sources.io.files import failures_named, read_bytes, require_present
+from sfmcpp.sources.io.files import failures_named, read_text_bytes, require_present
 from sfmcpp.sources.io.number_text import number_of
 
 # The foot of 1959; maps of the United States may be in feet of their survey, which differ by 4 m in 2,000 km.
@@ -56,12 +56,12 @@ def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
     Raises
     ------
     DatasetError
-        If the file cannot be read, or is no such text.
+        If the file cannot be read, or is no such text, as the "Unicode text" of spreadsheets (UTF-16).
     """
     with failures_named(path):
         require_present(path)
         try:
-            text = read_bytes(path).decode("utf-8-sig")
+            text = read_text_bytes(path).decode()
         except UnicodeDecodeError as error:
             raise DatasetError(path, f"is no UTF-8 text ({error.reason} at byte {error.start})") from error
     return ((number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip())

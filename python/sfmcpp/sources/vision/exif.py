@@ -28,9 +28,11 @@ _ORIENTATION, _MIRRORED = 0x0112, (2, 4, 5, 7)
 _TIMES = ((0x9003, 0x9291), (0x9004, 0x9292))  # taken, digitised: each with its parts of a second
 _FOCAL_MM, _FOCAL_35MM = 0x920A, 0xA405
 _LENS, _BODY_SERIAL = 0xA434, 0xA431
-_STORED_SIZE = (0xA002, 0xA003)
+STORED_SIZE = (0xA002, 0xA003)
 _PLANE_RESOLUTION, _PLANE_UNIT = (0xA20E, 0xA20F), 0xA210
 _LATITUDE, _LONGITUDE, _ALTITUDE, _STATUS = 2, 4, 6, 9
+# How a phone of Apple has made the image of several.
+_CUSTOM_RENDERED, _JOINED = 0xA401, 6
 
 _MM_PER_PLANE_UNIT = {1: 25.4, 2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 # Of a 36 mm × 24 mm film: CIPA DCG-001 compares by the diagonal of the field of view.
@@ -40,6 +42,8 @@ _PLAUSIBLE_FOCAL = (0.2, 100.0)
 # As an attribute or an element; metres.
 _RTK = re.compile(rb"drone-dji:(Rtk\w+)\s*(?:=\s*[\"']|>)\s*([^<\"'\s]+)")
 _RTK_SIGMAS = ("RtkStdLon", "RtkStdLat", "RtkStdHgt")
+# Of Google's "Photo Sphere XMP Metadata", as an attribute or an element: equirectangular, cylindrical.
+_PROJECTION = re.compile(rb"GPano:ProjectionType\s*(?:=\s*[\"']|>)\s*\w")
 _XMP_SEGMENT = b"http://ns.adobe.com/xap/1.0/"
 _WHEN = re.compile(r"\s*(\d{4}):(\d\d):(\d\d) (\d\d):(\d\d):(\d\d)")
 
@@ -54,25 +58,27 @@ class ExifFacts:
     taken_s: float | None = None
     position_sigmas_m: tuple[float, float, float] | None = None
     is_mirrored: bool = False
+    is_panorama: bool = False
 
 
 def exif_facts(image: Any) -> ExifFacts:
     """EXIF facts of an image that Pillow has opened, without decoding it."""
-    main, exif, gps = _blocks(image)
+    main, exif, gps = exif_blocks(image)
     width, height = image.size
-    position = _position(gps)
+    position, packet = _position(gps), _xmp_packet(image)
     return ExifFacts(
         focal_px=_focal_px(exif, (width, height)),
         camera=_camera(main, exif, (width, height)),
         position=position,
         taken_s=_taken_s(exif),
-        position_sigmas_m=None if position is None else _position_sigmas_m(_xmp_packet(image)),
+        position_sigmas_m=None if position is None else _position_sigmas_m(packet),
         # Of TIFF, Pillow gives the pixels as they are to be shown.
         is_mirrored=image.format != "TIFF" and main.get(_ORIENTATION) in _MIRRORED,
+        is_panorama=exif.get(_CUSTOM_RENDERED) == _JOINED or _PROJECTION.search(packet) is not None,
     )
 
 
-def _blocks(image: Any) -> tuple[Tags, Tags, Tags]:
+def exif_blocks(image: Any) -> tuple[Tags, Tags, Tags]:
     """The main block and those of EXIF and GPS, as far as they can be read."""
     found: list[Tags] = [{}, {}, {}]
     # Of PNG, Pillow would decode all pixels to look for a block behind them.
@@ -106,7 +112,7 @@ def _focal_from_plane(exif: Tags, size: tuple[int, int]) -> float | None:
     resolution = next((r for tag in _PLANE_RESOLUTION if (r := _positive(exif.get(tag)))), None)
     if focal_mm is None or unit is None or resolution is None:
         return None
-    stored = max((s for tag in _STORED_SIZE if (s := _positive(exif.get(tag)))), default=float(max(size)))
+    stored = max((s for tag in STORED_SIZE if (s := _positive(exif.get(tag)))), default=float(max(size)))
     return focal_mm * resolution / unit * max(size) / stored
 
 
@@ -132,6 +138,8 @@ def _position(gps: Tags) -> tuple[float, float, float] | None:
 def _xmp_packet(image: Any) -> bytes:
     """XMP as it is in the file: Pillow's parser would need a further package."""
     packet = image.info.get("xmp", b"")  # of JPEG from Pillow 11 on
+    if isinstance(text := image.info.get("XML:com.adobe.xmp"), str):  # of PNG
+        return text.encode()
     segments = [data for _, data in getattr(image, "applist", ()) if data.startswith(_XMP_SEGMENT)]
     return packet if isinstance(packet, bytes) and packet else b"".join(segments)
 

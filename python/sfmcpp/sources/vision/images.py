@@ -202,6 +202,14 @@ def photos_of_video(name: str) -> str:
     return f"`ffmpeg -i {name} -vf fps=2 %05d.jpg` makes photos of it, and `sfmcpp slam` follows its camera"
 
 
+def jpeg_of_foreign(name: str) -> str:
+    """Hint for a photo of a kind that is not read, which has that name."""
+    suffix = Path(name).suffix
+    if suffix.lower() in RAW_PICTURES:
+        return "convert to JPEG, 8 or 16 bits of TIFF"
+    return f"convert to JPEG: `mogrify -format jpg *{suffix}`"
+
+
 def require_no_single_picture(file: Path) -> None:
     """Raise a DatasetError if a file is an image or a video, where a folder of photos is wanted."""
     if is_picture(file):
@@ -218,7 +226,9 @@ def where_images_are(folder: Path) -> str:
     if videos := sorted(file for file in folder.iterdir() if is_video(file)):
         return f"but videos, as {videos[0].name}; {photos_of_video(videos[0].name)}"
     if foreign := sorted(file for file in folder.iterdir() if is_foreign_picture(file)):
-        return f"but photos of kinds that are not read, as {foreign[0].name}: convert them to JPEG"
+        return (
+            f"but photos of kinds that are not read, as {foreign[0].name}; {jpeg_of_foreign(foreign[0].name)}"
+        )
     return f"must have files named {', '.join(PICTURES)}"
 
 

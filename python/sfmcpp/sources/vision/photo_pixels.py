@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,9 @@ _DEEP_MODES = ("I;16", "I;16L", "I;16B", "I;16N", "I", "F")
 # Of files of 16 bits a colour, too, and Pillow keeps the upper 8 only: of a camera's 12 bits that is 4.
 _SHORTENED_MODES = ("RGB", "RGBA", "LA")
 _MOST_OF_16_BITS = 65535
+# Kinds of files whose images may differ in size; MPO is what phones and stereo cameras write as JPEG.
+_KINDS_OF_PAGES = ("TIFF", "MPO")
+_SUBFILE_TYPE, _REDUCED, _MASK = 254, 1, 4
 
 
 def bytes_of(file: Path) -> bytes:
@@ -112,6 +115,28 @@ def _fits_16_bits(grey: NDArray[Any]) -> bool:
 def with_8_bits(levels: NDArray[Any]) -> NDArray[np.uint8]:
     """Levels of :func:`as_levels`, or of its result resampled, for a kind of file that has 8 bits."""
     return levels if levels.dtype == np.uint8 else eight_bits(levels, white_level(levels))
+
+
+def further_images(image: Any) -> int:
+    """Images of a file that are as large as the first one, without it; Pillow's `image` ends at the last.
+
+    Smaller copies of it, and masks, do not count. What is damaged ends the count.
+    """
+    size, found = image.size, 0
+    with suppress(Exception):  # its parsers raise whatever they stumble over
+        frames = int(getattr(image, "n_frames", 1))
+        if image.format not in _KINDS_OF_PAGES:
+            return max(frames - 1, 0)
+        for number in range(1, frames):
+            image.seek(number)
+            found += image.size == size and not _is_copy_or_mask(image)
+    return found
+
+
+def _is_copy_or_mask(page: Any) -> bool:
+    """Whether a page of a TIFF file says that it is the first one at another size, or a mask of it."""
+    kind = getattr(page, "tag_v2", {}).get(_SUBFILE_TYPE, 0)
+    return bool(kind & (_REDUCED | _MASK))
 
 
 def has_deep_colors(image: Any) -> bool:

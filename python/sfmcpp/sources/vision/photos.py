@@ -36,6 +36,7 @@ from sfmcpp.sources.vision.photo_pixels import (
     as_rgb,
     bytes_of,
     decoded,
+    further_images,
     has_deep_colors,
     has_transparency,
     opaque_part,
@@ -324,6 +325,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
         facts, size = exif_facts(image), image.size
         # Caches may have features of its transparent parts, or of the upper 8 of its 16 bits.
         key = b"opaque" * has_transparency(image) + b"deep" * has_deep_colors(image)
+        further = further_images(image)
     return Photo(
         name,
         file,
@@ -335,6 +337,8 @@ def _opened_photo(name: str, file: Path) -> Photo:
         digest=blake2b(data, digest_size=_DIGEST_BYTES, key=key).hexdigest(),
         position_sigmas_m=facts.position_sigmas_m,
         is_mirrored=facts.is_mirrored,
+        is_panorama=facts.is_panorama,
+        further_images=further,
     )
 
 

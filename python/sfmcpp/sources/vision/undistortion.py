@@ -29,6 +29,7 @@ from sfmcpp.sources.io.colmap import FILE_NAMES
 from sfmcpp.sources.io.files import failures_named
 from sfmcpp.sources.io.intrinsics import as_perspective
 from sfmcpp.sources.vision.images import load_cv2, one_opencv_thread
+from sfmcpp.sources.vision.kept_metadata import encoded_with, kept_metadata
 from sfmcpp.sources.vision.photo_pixels import with_8_bits
 from sfmcpp.sources.vision.photos import open_photos, read_levels
 
@@ -212,7 +213,8 @@ def undistort_photos(
     photos : path-like
         Folder of the photos.
     folder : path-like
-        Gets ``images/``, with the names of the photos, their bits (8 or 16) and transparent parts, and
+        Gets ``images/``, with the names of the photos, their bits (8 or 16), transparent parts, colour
+        profiles and EXIF (JPEG, and 8 bits of PNG and WebP; no orientation, thumbnail or maker's notes), and
         ``sparse/0``, a binary COLMAP model with PINHOLE cameras: the layout that programs for Gaussian
         splatting read. The model comes last: as long as there is none, images may be missing.
     threads : int, optional
@@ -245,7 +247,8 @@ def undistort_photos(
         image = undistorted_photo(
             read_levels(photo), cameras.lenses[row], cameras.pinholes[row], cameras.sizes[row]
         )
-        _write_image(image, target / IMAGES / photo.name)
+        width, height = cameras.sizes[row].tolist()
+        _write_image(image, target / IMAGES / photo.name, kept_metadata(photo, (width, height)))
 
     model = target / MODEL
     with failures_named(model):
@@ -286,23 +289,32 @@ def _photos_of(problem: Problem, folder: Path) -> list[Photo]:
 
 
 def _as_written(image: Levels, suffix: str) -> NDArray[Any]:
-    """Grey levels, or blue, green, red and opacity, as far as a kind of file has room for them."""
+    """Grey levels, or red, green, blue and opacity, as far as a kind of file has room for them."""
     cv2 = load_cv2()
     levels: Levels = image if suffix in _DEEP_KINDS else with_8_bits(image)
     if suffix == ".pgm":
         return np.asarray(cv2.cvtColor(levels[:, :, :3], cv2.COLOR_RGB2GRAY), dtype=levels.dtype)
-    kept = [2, 1, 0, 3][: levels.shape[2] if suffix in _TRANSPARENT_KINDS else 3]
-    return np.ascontiguousarray(levels[:, :, kept])
+    return np.ascontiguousarray(levels[:, :, : 4 if suffix in _TRANSPARENT_KINDS else 3])
 
 
-def _write_image(image: Levels, path: Path) -> None:
+def _encoded(shown: NDArray[Any], path: Path) -> bytes:
+    """Content of a file by OpenCV, whose colours are blue, green and red."""
     cv2, suffix = load_cv2(), path.suffix.lower()
-    shown = _as_written(image, suffix)
+    if shown.ndim == 3:
+        shown = np.ascontiguousarray(shown[:, :, [2, 1, 0, 3][: shown.shape[2]]])
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY]
     is_made, data = cv2.imencode(_WRITTEN_AS.get(suffix, suffix), shown, options)
     if not is_made:
         raise DatasetError(path, f"OpenCV cannot write {suffix} files")
+    return bytes(data)
+
+
+def _write_image(image: Levels, path: Path, metadata: dict[str, bytes]) -> None:
+    suffix = path.suffix.lower()
+    shown, data = _as_written(image, suffix), None
+    if shown.dtype == np.uint8:
+        data = encoded_with(metadata, shown, suffix, _JPEG_QUALITY)
     with failures_named(path):
         path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_files(path, durable=False) as (file,):
-        file.write(bytes(data))
+        file.write(_encoded(shown, path) if data is None else data)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -115,3 +116,34 @@ def test_uncertainties_that_leave_nothing_to_fit_are_named(stated: str) -> None:
         problem.covariance_px2 = np.tile(1e24 * np.eye(2), (count, 1, 1))
     (warning,) = sfmcpp.solve(problem).warnings
     assert "the σ of observations (1e+12 px in the median) are so large that they say nothing" in warning
+
+
+@pytest.mark.parametrize("model", ["calibrated", "perspective", "bal"])
+@pytest.mark.parametrize("f", [4.25, -4.25, 26.0])
+def test_focal_lengths_in_millimetres_are_named(model: str, f: float) -> None:
+    problem = sfmcpp.circle_scene(6, 60, camera_model=model, seed=1)
+    assert warnings_of(problem) == []
+    problem.intrinsics[:, 0] = f
+    named = [warning for warning in sfmcpp.check(problem) if "is f in mm?" in warning]
+    assert [warning.startswith(f"f = {abs(f):g} px, with pixels ") for warning in named] == [True]
+    assert set(named) <= set(sfmcpp.solve(problem, max_iterations=1).warnings)
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0])
+def test_wide_views_and_other_units_of_pixels_and_focal_length_alike_are_sound(unit: float) -> None:
+    """A view of 120° across, and image points at depth one or in mm."""
+    problem = sfmcpp.circle_scene(6, 60, seed=1)
+    radius = np.abs(problem.pixels - problem.intrinsics[0, 2:4]).max()
+    problem.intrinsics[:, 0] = radius / np.tan(np.radians(60))
+    problem.intrinsics[:, [0, 2, 3]] *= unit
+    problem.pixels *= unit
+    assert not [warning for warning in sfmcpp.check(problem) if "is f in mm?" in warning]
+
+
+def test_pixels_whose_squares_are_infinite_raise_no_warning_of_numpy() -> None:
+    problem = scene()
+    problem.pixels[3] = 1e300
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        summary = sfmcpp.solve(problem, loss="huber", loss_scale_px=1.0)
+    assert summary.termination == "numerical_failure"

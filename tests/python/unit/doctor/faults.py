@@ -341,6 +341,7 @@ FAULTS = (
     Fault("left-handed rotations", ("invalid-array",), left_handed),
     Fault("a focal length 1.3 times as long", ("wrong-focal",),
           lambda p, rng: scaled_intrinsics(p, 1.3, 1.0), PIXEL_ORIGIN),
+    Fault("a focal length in mm", ("short-focal",), lambda p, rng: scaled_intrinsics(p, 0.02, 1.0)),
     Fault("K of an image twice as large", ("calibration-of-another-size", "principal-point-off-middle"),
           lambda p, rng: scaled_intrinsics(p, 2.0, 2.0), PIXEL_ORIGIN),
     Fault("K of an image half as large", ("calibration-of-another-size", "principal-point-off-middle"),

@@ -86,3 +86,13 @@ def test_focal_lengths_that_are_not_positive_are_an_error_by_name() -> None:
     finding = diagnose(problem).findings[0]
     assert (finding.code, finding.severity) == ("focal-not-positive", "error")
     assert finding.cameras == tuple(range(8))
+
+
+def test_focal_lengths_in_millimetres_are_an_error_by_name() -> None:
+    """Other examinations called the pixels mirrored, and gave errors of inf px."""
+    problem = perturb(circle_scene(8, 100, seed=3), point_sigma_m=0.02, seed=3)
+    for f in (4.25, 26.0):
+        problem.intrinsics[:, 0] = f
+        found = diagnose(problem)
+        assert [finding.code for finding in found.findings if finding.severity == "error"] == ["short-focal"]
+        assert "inf" not in str(found)

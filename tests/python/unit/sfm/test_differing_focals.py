@@ -11,6 +11,7 @@ from sfmcpp import circle_scene
 from sfmcpp.ba import residuals_px
 from sfmcpp.model.image_tracks import ImageTracks, image_tracks
 from sfmcpp.sfm import SfmRun, reconstruct
+from sfmcpp.sfm.differing_focals import _set_apart
 
 SAYS = "seem to differ in focal length"
 
@@ -37,6 +38,12 @@ def test_photos_of_several_zooms_that_share_a_focal_length_are_warned_of(seed: i
     assert warned(reconstruct(tracks([1.0, 1.4, 0.8], seed)))
 
 
+def test_a_quarter_of_a_set_that_is_zoomed_by_a_fifth_is_named() -> None:
+    """All pairs agree with the model, which is bent."""
+    said = "3 photos seem to differ in focal length from others"
+    assert any(said in text for text in reconstruct(tracks([1.0, 1.0, 1.0, 1.2], 11)).warnings)
+
+
 @pytest.mark.parametrize("seed", [11, 12])
 def test_photos_of_one_focal_length_are_not(seed: int) -> None:
     assert not warned(reconstruct(tracks([1.0], seed)))
@@ -58,3 +65,21 @@ def test_cameras_of_different_sizes_are_not_compared(seed: int) -> None:
     some = tracks([1.0, 1.4], seed)
     sizes = np.where(np.arange(12)[:, None] % 2, [[640, 480]], [[640, 482]])
     assert not warned(reconstruct(replace(some, sizes=sizes)))
+
+
+@pytest.mark.parametrize(
+    ("shares", "sigma", "expected"),
+    [
+        ([1.0, 0.99, 1.23, 0.98, 1.2, 1.0, 1.21], 0.007, [2, 4, 6]),
+        ([1.0, 0.8, 1.01, 0.99, 0.81], 0.007, [1, 4]),
+        ([1.0, 0.99, 1.01, 1.23], 0.007, []),  # a single one may be a lens that breathes
+        ([1.0, 0.99, 1.23, 1.2, 1.01], 0.05, []),
+        ([0.97, 1.0, 1.04, 1.08, 1.12, 1.16], 0.007, []),  # a flight
+        ([1.0], 0.007, []),
+    ],
+)
+def test_several_of_another_focal_length_are_set_apart(
+    shares: list[float], sigma: float, expected: list[int]
+) -> None:
+    found = _set_apart(np.log(shares), np.full(len(shares), sigma))
+    assert np.flatnonzero(found).tolist() == expected

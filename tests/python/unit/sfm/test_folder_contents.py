@@ -33,7 +33,10 @@ def test_copies_and_videos_are_left_aside_and_named(tmp_path: Path) -> None:
     copies, videos, foreign = (warning for warning in run.warnings if warning not in alone.warnings)
     assert copies == f"1 image is a copy, byte for byte, and left out: {first.stem} copy.png of {first.name}"
     assert videos.startswith("1 video is not read: clip.mp4; `ffmpeg -i clip.mp4 ")
-    assert foreign == "1 photo is of a kind not read here, and left out: phone.heic; convert to JPEG"
+    assert foreign == (
+        "1 photo is of a kind not read here, and left out: phone.heic; convert to JPEG: "
+        "`mogrify -format jpg *.heic`"
+    )
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "webp"])
@@ -75,3 +78,78 @@ def test_files_that_a_model_might_have_do_not_hide_photos(tmp_path: Path, name: 
     (tmp_path / "images.bin").write_bytes(b"no matter")
     with pytest.raises(DatasetError, match="without a COLMAP model"):
         reconstruct(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [("IMG_1.HEIC", r"`mogrify -format jpg \*\.HEIC`"), ("a.dng", "8 or 16 bits of TIFF")],
+)
+def test_a_folder_of_photos_that_are_not_read_tells_what_to_do(
+    tmp_path: Path, name: str, remedy: str
+) -> None:
+    (tmp_path / name).write_bytes(b"no matter")
+    with pytest.raises(DatasetError, match=rf"kinds that are not read, as {name}; convert to JPEG.*{remedy}"):
+        reconstruct(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["png", "webp", "tif"])
+def test_further_images_of_a_file_are_told(tmp_path: Path, suffix: str) -> None:
+    from PIL import Image
+
+    frames = [Image.fromarray(texture(48, 64, seed=seed)) for seed in range(4)]
+    if suffix == "webp":
+        pytest.importorskip("PIL._webp")
+    frames[0].save(tmp_path / f"a.{suffix}", save_all=True, append_images=frames[1:])
+    frames[0].save(tmp_path / f"b.{suffix}")
+    found = open_photos(tmp_path)
+    assert [photo.further_images for photo in found.photos] == [3, 0]
+    told = f"1 file holds more than one image, and only the first is used: a.{suffix} (3 more); save "
+    assert [warning.startswith(told) for warning in warnings_of_folder(found)] == [True]
+
+
+def test_previews_and_masks_are_no_further_images(tmp_path: Path) -> None:
+    from PIL import Image
+
+    image = Image.fromarray(texture(48, 64))
+    small, kind = image.resize((32, 24)), 254
+    for name, page, subfile in (("small", small, 0), ("reduced", image.copy(), 1), ("mask", image.copy(), 4)):
+        page.encoderinfo = {"tiffinfo": {kind: subfile}}
+        image.save(tmp_path / f"{name}.tif", save_all=True, append_images=[page])
+    # As phones write a preview behind a photo, and stereo cameras the other view.
+    image.save(tmp_path / "phone.jpg", format="MPO", save_all=True, append_images=[small])
+    image.save(tmp_path / "stereo.jpg", format="MPO", save_all=True, append_images=[image.copy()])
+    found = {photo.name: photo.further_images for photo in open_photos(tmp_path).photos}
+    assert found == {"mask.tif": 0, "phone.jpg": 0, "reduced.tif": 0, "small.tif": 0, "stereo.jpg": 1}
+
+
+GPANO = '<rdf:Description xmlns:GPano="http://ns.google.com/photos/1.0/panorama/" {}'
+
+
+@pytest.mark.parametrize(
+    "packet",
+    ['GPano:ProjectionType="equirectangular"/>', "><GPano:ProjectionType>cylindrical</GPano:ProjectionType>"],
+)
+def test_panoramas_are_told_by_xmp(tmp_path: Path, packet: str) -> None:
+    from PIL import Image, PngImagePlugin
+
+    image, xmp = Image.fromarray(texture(48, 96)), GPANO.format(packet)
+    image.save(tmp_path / "round.jpg", xmp=xmp.encode())
+    info = PngImagePlugin.PngInfo()
+    info.add_itxt("XML:com.adobe.xmp", xmp)
+    image.save(tmp_path / "round.png", pnginfo=info)
+    image.save(tmp_path / "usual.jpg", xmp=GPANO.format("/>").encode())
+    found = open_photos(tmp_path)
+    assert [p.name for p in found.photos if p.is_panorama] == ["round.jpg", "round.png"]
+    (told,) = warnings_of_folder(found)
+    assert told.startswith("2 photos are panoramas by EXIF or XMP, first round.jpg: no camera model fits")
+
+
+def test_sweeps_of_phones_are_told_by_exif(tmp_path: Path) -> None:
+    from PIL import Image
+
+    for name, rendered in (("sweep", 6), ("hdr", 2)):
+        image = Image.fromarray(texture(48, 96))
+        exif = image.getexif()
+        exif.get_ifd(0x8769)[0xA401] = rendered
+        image.save(tmp_path / f"{name}.jpg", exif=exif)
+    assert [p.name for p in open_photos(tmp_path).photos if p.is_panorama] == ["sweep.jpg"]

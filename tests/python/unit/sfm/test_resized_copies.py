@@ -1,14 +1,16 @@
-"""Smaller copies of photos are left out of a match graph, by name."""
+"""Smaller copies of photos, and those without distortion, are left out of a match graph, by name."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import sfmcpp
 from sfm_scenes import SIZE, match_graph
 from sfmcpp.geometry import two_view_geometry
+from sfmcpp.geometry.pinhole import to_pixels
 from sfmcpp.sfm import MatchGraph, Pair
 from sfmcpp.sfm.resized_copies import without_resized_copies
 
@@ -49,3 +51,44 @@ def test_a_photo_of_another_size_from_nearby_and_one_of_the_same_size_stay() -> 
         found, copies = without_resized_copies(graph)
         assert found is graph
         assert not copies
+
+
+WIDER = (SIZE[0] + 24, SIZE[1] + 16)
+
+
+def with_undistorted(graph: MatchGraph, name: str, of: int, parallax_px: float = 0.0) -> MatchGraph:
+    """With image 2 as a lens distorts it, and image `of` of another folder without that distortion."""
+    f, (width, height) = 1.1 * max(SIZE), SIZE
+    lens = np.array([f, 1, width / 2 + 4, height / 2 - 3, 0, -0.2, 0.1, -0.02, 0, 0, 1e-3, -1e-3])
+    flat, seen = graph.features[of].pixels, graph.features[2].pixels
+    rays = (seen - np.array(SIZE) / 2) / f
+    features = list(graph.features)
+    features[2] = replace(features[2], pixels=to_pixels(rays, lens))
+    count = min(len(flat), len(seen))
+    moved = flat[:count] + (np.array(WIDER) - SIZE) / 2
+    moved[:, 0] += parallax_px * np.arange(count) / count
+    same = np.tile(np.arange(count, dtype=np.int32)[:, None], (1, 2))
+    geometry = two_view_geometry(features[2].pixels[:count], moved, None, None, seed=0)
+    last = len(graph.photos)
+    return MatchGraph(
+        [*graph.photos, replace(graph.photos[of], name=name, size=WIDER)],
+        [*features, replace(graph.features[of], pixels=moved)],
+        [*graph.pairs, Pair(2, last, same, geometry)],
+    )
+
+
+@pytest.mark.parametrize("name", ["dense/images/002.jpg", "dense/images/002.png"])
+def test_a_copy_without_distortion_is_left_out(name: str) -> None:
+    graph = scene()
+    found, copies = without_resized_copies(with_undistorted(graph, name, of=2))
+    assert copies == {name: "002.jpg"}
+    assert [photo.name for photo in found.photos] == [photo.name for photo in graph.photos]
+
+
+@pytest.mark.parametrize(
+    ("name", "of", "parallax_px"),
+    [("dense/003.jpg", 2, 0.0), ("other/002.jpg", 3, 0.0), ("other/002.jpg", 2, 20.0)],
+)
+def test_other_views_and_other_names_stay(name: str, of: int, parallax_px: float) -> None:
+    graph = with_undistorted(scene(), name, of, parallax_px)
+    assert without_resized_copies(graph) == (graph, {})

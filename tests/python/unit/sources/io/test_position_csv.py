@@ -38,6 +38,20 @@ def test_names_with_commas_are_quoted_and_other_encodings_refused(tmp_path: Path
         read_position_csv(quoted)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+def test_utf_16_of_spreadsheets_is_refused_by_name(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "unicode.csv"
+    path.write_bytes("\ufeffname,x,y,z\na,1,2,3\n".encode(encoding))
+    with pytest.raises(DatasetError, match=r"unicode\.csv: is text in UTF-16: must be UTF-8"):
+        read_position_csv(path)
+
+
+def test_lines_of_old_macs_end_with_cr(tmp_path: Path) -> None:
+    path = written(tmp_path, "")
+    path.write_bytes(b"name,x,y,z\ra,1,2,3\rb,4,5,6\r")
+    assert read_position_csv(path).positions == {"a": (1.0, 2.0, 3.0), "b": (4.0, 5.0, 6.0)}
+
+
 @pytest.mark.parametrize(
     "columns", ["sigma_n,sigma_e,sigma_u", "sigma_lat,sigma_lon,sigma_height", "Sigma_Y [m],sigma_x,sigma_z"]
 )

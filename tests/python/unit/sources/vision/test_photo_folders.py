@@ -82,7 +82,7 @@ def test_videos_beside_photos_are_named_and_hinted_at_where_there_are_no_photos(
 def test_photos_of_kinds_that_are_not_read_are_named_unless_one_beside_them_is(tmp_path: Path) -> None:
     for name in ("b.HEIC", "a.CR2", "._c.heic"):
         (tmp_path / name).write_bytes(b"no matter")
-    with pytest.raises(DatasetError, match=r"but photos of kinds that are not read, as a\.CR2: convert them"):
+    with pytest.raises(DatasetError, match=r"but photos of kinds that are not read, as a\.CR2; convert to"):
         open_photos(tmp_path)
     write_photo(tmp_path / "a.jpg", SMALL)  # developed by the camera, too
     (tmp_path / "a.jpg").rename(tmp_path / "a.jfif")

@@ -229,3 +229,65 @@ def test_kinds_of_files_without_room_have_8_bits(tmp_path: Path) -> None:
     made = cv2.imread(str(tmp_path / "out" / "images" / "a.jpg"), cv2.IMREAD_UNCHANGED)
     assert made.shape[2] == 3
     assert (np.abs(made.astype(int) - 128) <= 1).all()
+
+
+def write_told(path: Path, mode: str = "RGB", **told: object) -> None:
+    """A photo with what a phone tells: model, orientation, time, sizes, focal lengths, notes and position."""
+    from PIL import Image
+
+    exif = Image.Exif()
+    exif.update({0x0110: "Phone", 0x0112: 6})
+    exif.get_ifd(0x8769).update({0x9003: "2026:11:28 10:00:00", 0x920A: 4.25, 0xA405: 26, 0x927C: b"notes"})
+    exif.get_ifd(0x8769).update({0xA002: SIZE[0], 0xA003: SIZE[1]})
+    exif.get_ifd(0x8825).update({1: "N", 2: (47.0, 30.0, 0.0), 3: "E", 4: (8.0, 15.0, 0.0)})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(texture(*SIZE[::-1])).convert(mode).save(path, **({"exif": exif} | told))
+
+
+def profile(space: bytes) -> bytes:
+    """As much of a colour profile as is looked at (ICC.1: bytes 16 to 19), in two segments of a JPEG."""
+    return bytes(16) + space + bytes(range(256)) * 300
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "jfif", "png", "webp"])
+def test_colour_profile_and_exif_are_kept(tmp_path: Path, suffix: str) -> None:
+    from PIL import Image
+
+    names = [f"a.{suffix}", f"b.{suffix}"]
+    write_told(tmp_path / "photos" / names[0], icc_profile=profile(b"RGB "))
+    write_told(tmp_path / "photos" / names[1], exif=b"")
+    undistort_photos(model(BARREL, names), tmp_path / "photos", tmp_path / "out")
+    with Image.open(tmp_path / "out/images" / names[0]) as made:
+        exif = made.getexif()
+        found, gps = exif.get_ifd(0x8769), exif.get_ifd(0x8825)
+        assert made.info["icc_profile"] == profile(b"RGB ")
+        assert dict(exif).keys() == {0x0110, 0x8769, 0x8825}
+        assert found == {0x9003: "2026:11:28 10:00:00", 0x920A: 4.25, 0xA002: made.width, 0xA003: made.height}
+        assert gps == {1: "N", 2: (47.0, 30.0, 0.0), 3: "E", 4: (8.0, 15.0, 0.0)}
+    # Colours are those of a photo without either, which OpenCV writes.
+    pair = [read_color(photo).astype(int) for photo in open_photos(tmp_path / "out/images").photos]
+    assert np.abs(pair[0] - pair[1]).mean() < 0.5
+    with Image.open(tmp_path / "out/images" / names[1]) as made:
+        assert "icc_profile" not in made.info
+        assert not made.getexif()
+
+
+def test_profiles_of_other_colours_are_left_out(tmp_path: Path) -> None:
+    """Of grey photos and of those for print: the images have red, green and blue."""
+    from PIL import Image
+
+    for name, mode, space in (("a.jpg", "L", b"GRAY"), ("b.jpg", "CMYK", b"CMYK")):
+        write_told(tmp_path / "photos" / name, mode, icc_profile=profile(space))
+    undistort_photos(model({}, ["a.jpg", "b.jpg"]), tmp_path / "photos", tmp_path / "out")
+    for name in ("a.jpg", "b.jpg"):
+        with Image.open(tmp_path / "out/images" / name) as made:
+            assert made.mode == "RGB"
+            assert "icc_profile" not in made.info
+            assert made.getexif()[0x0110] == "Phone"
+
+
+def test_damaged_exif_costs_no_image(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b.jpg"):
+        write_told(tmp_path / "photos" / name, exif=b"Exif\0\0II*\0\xff\xff\xff\xff" + bytes(40))
+    undistort_photos(model({}, ["a.jpg", "b.jpg"]), tmp_path / "photos", tmp_path / "out")
+    assert len(open_photos(tmp_path / "out/images").photos) == 2
