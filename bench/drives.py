@@ -17,8 +17,9 @@ rate or a factor on the speed (`smooth=true`: little by little), lasts a fifth o
 fifth on, or with `throughout=true` all of it; stamps late by `clock` seconds and a camera turned by
 `mounting` degrees are wrong all the time; a blackout is in the middle. `--sensors none stereo` takes the
 right images, too; the clip has none. `distances` takes no directions from the odometer. A part of a drive is
-`0036:1/2`, and `0036@stops` a drive as it might have been: see `experiments/altered_drives.py`. All faults in
-one table: bench/faulty_sensors.py.
+`0036:1/2`, and `0036@stops` a drive as it might have been: see `experiments/altered_drives.py`;
+`simulated/u-turn` or `"simulated/usual, late streams"` is one of `experiments/other_motions.py`. All faults
+in one table: bench/faulty_sensors.py.
 """
 
 from __future__ import annotations

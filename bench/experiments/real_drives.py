@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from experiments.altered_drives import ALTERED, STREAMS, rows_of
+from experiments.other_motions import simulated
 from experiments.real_problems import data_folder
 from sfmcpp.model import SensorStream, Trajectory
 from sfmcpp.sources.image_stream import open_images
@@ -16,7 +17,12 @@ from sfmcpp.sources.io.kitti_mat import KittiDrive, read_kitti_mat
 
 @cache
 def read(name: str) -> KittiDrive:
-    """Read a drive by its number, or ``clip``; ``0036:1/2`` is a part, ``0036@stops`` an altered drive."""
+    """Read a drive by its number, or ``clip``; ``0036:1/2`` is a part, ``0036@stops`` an altered drive.
+
+    ``simulated/u-turn`` is one of `other_motions`.
+    """
+    if name.startswith("simulated/"):
+        return simulated(name.removeprefix("simulated/"))
     name, _, change = name.partition("@")
     if change:
         return ALTERED[change](read(name))

@@ -35,12 +35,13 @@ LARGEST_RAD_S = float(np.radians(20.0))
 # Least standard deviation of the rotations by images [rad].
 _LEAST_ERROR_RAD = 0.001
 # A clock offset looks like a bias where the rate changes, and wrong axes do where it does not. The bias must
-# leave at most this share of the errors that the best clock leaves, or that an evenly turning camera leaves …
+# leave at most this share of the errors that the best clock leaves, or the best axes …
 _SHARE_OF_OTHERS = 0.5
-# … or explain many pairs better by so much in log-likelihood, as a small bias hides in the noise of each …
+# … or explain many pairs better by so much in log-likelihood, as a small bias hides in the noise of each.
 _GAIN = 12.0
-# … the latter if the errors are, beside the camera's rotations, no larger than wrong axes make them.
-_LARGEST_RATIO = 2.0
+# A stream that turns by less than this share of what the camera does may be dead, or in a wrong unit: an even
+# turn of the camera is then no bias.
+_DEAD_SHARE = 0.5
 # Median length of a vector of three standard normal numbers.
 _MEDIAN_LENGTH = 1.538
 # Rounds of reweighting.
@@ -130,7 +131,7 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     if not max(_SIGMAS * sigma, floor) <= np.linalg.norm(rate) <= LARGEST_RAD_S:
         return None
     left = np.linalg.norm(errors - lengths_s[:, None] * rate, axis=1)
-    if not _is_likelier(left, _left_by_others(stream, mounting, covered, errors)):
+    if not _is_likelier(left, _left_by_others(stream, mounting, covered)):
         return None
     return np.asarray(mounting.camera_from_body.T @ rate)
 
@@ -240,16 +241,30 @@ def _is_likelier(left: FloatArray, by_others: FloatArray) -> bool:
     return len(left) >= _MANY and bool(gain >= _GAIN)
 
 
-def _left_by_others(
-    stream: SensorStream, mounting: Mounting, turns: Sequence[Turn], errors: FloatArray
-) -> FloatArray:
-    """Lengths (k, n) of the errors at each clock offset, and where they may tell with an even turn [rad]."""
+def _left_by_others(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -> FloatArray:
+    """Lengths (k, n) of the errors at each clock offset, with the best axes, and of a dead stream [rad]."""
     by_clocks = np.linalg.norm(rotation_errors(stream, mounting, turns, CLOCK_OFFSETS_S), axis=-1)
     seen, lengths_s = so3.log(rotations_of(turns)), durations_s(turns)
-    if _median_norm(errors) > _LARGEST_RATIO * _median_norm(seen):
-        return np.asarray(by_clocks)
-    evenly = seen - lengths_s[:, None] * _rate(seen, lengths_s)[0]
-    return np.vstack([by_clocks, np.linalg.norm(evenly, axis=1)])
+    told = so3.log(turns_at_offsets(stream, mounting, times_of(turns), np.zeros(1))[0])
+    others = [by_clocks, _left_by_axes(seen, told)]
+    if _median_norm(told) < _DEAD_SHARE * _median_norm(seen):
+        others.append(np.linalg.norm(seen - lengths_s[:, None] * _rate(seen, lengths_s)[0], axis=1))
+    return np.vstack(others)
+
+
+def _left_by_axes(seen: FloatArray, told: FloatArray) -> FloatArray:
+    """Lengths (n,) of what the best axes leave of rotation vectors (n, 3) that differ [rad].
+
+    Wrong axes keep the angle of each rotation, a bias changes it. By iteratively reweighted orthogonal
+    Procrustes fits with Cauchy's weights; mirrored axes count, too. A free scale would take a bias on a
+    straight road for one.
+    """
+    weights = np.ones(len(seen))
+    for _ in range(_ROUNDS):
+        left, _, right = np.linalg.svd(seen.T @ (weights[:, None] * told))
+        lengths = np.linalg.norm(seen - told @ (left @ right).T, axis=1)
+        weights = 1 / (1 + (lengths / (2 * error_scale(lengths))) ** 2)
+    return np.asarray(lengths)
 
 
 def _median_norm(errors: FloatArray) -> FloatArray:

@@ -34,6 +34,9 @@ _STEP_S, _MOST_ENDS = 0.25, 100
 _LEFT_SHARE = 0.5
 # Least number of steps of the map on either side of a slip, and during it.
 _FEWEST_BESIDE, _FEWEST_WITHIN = 2, 4
+# A map may begin or end during a slip: where none within it is found, those that begin or end so much beyond
+# it are tried [s].
+_BEYOND_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class Slip:
 def find_slip(stamps_s: FloatArray, log_ratios: FloatArray, covariance: FloatArray) -> Slip | None:
     """Find the stretch in which an odometer's distances differ most from those of a map of images.
 
+    It may begin up to two seconds before the map, or end as much after it.
+
     Parameters
     ----------
     stamps_s : (n + 1,) float64
@@ -114,11 +119,21 @@ def find_slip(stamps_s: FloatArray, log_ratios: FloatArray, covariance: FloatArr
             f"{covariance.shape} entries: must be n + 1, n and (n, n)"
         )
     known = np.isfinite(log_ratios)
-    slips, courses = _candidates(stamps_s, known)
-    if not slips:
+    if np.count_nonzero(known) < _FEWEST_WITHIN + 2 * _FEWEST_BESIDE:
         return None
     whiten = _whitening(covariance[np.ix_(known, known)])
-    errors, told = whiten @ -log_ratios[known], whiten @ courses
+    # One that the images see whole comes first: of others they tell less.
+    found = (_likeliest(whiten, log_ratios, *_candidates(stamps_s, known, b)) for b in (0.0, _BEYOND_S))
+    return next((slip for slip in found if slip is not None), None)
+
+
+def _likeliest(
+    whiten: FloatArray, log_ratios: FloatArray, slips: list[Slip], courses: FloatArray
+) -> Slip | None:
+    """The slip, of some with these courses (n, slips), that explains most, if that is enough."""
+    if not slips:
+        return None
+    errors, told = whiten @ -log_ratios[np.isfinite(log_ratios)], whiten @ courses
     information = (told**2).sum(axis=0)
     sizes = told.T @ errors / information
     best = int(np.argmax(sizes**2 * information))
@@ -129,12 +144,14 @@ def find_slip(stamps_s: FloatArray, log_ratios: FloatArray, covariance: FloatArr
     return found if found.gain >= SLIP_MARGIN and _LEAST <= abs(found.log_factor) <= _LARGEST else None
 
 
-def _candidates(stamps_s: FloatArray, known: BoolArray) -> tuple[list[Slip], FloatArray]:
-    """Slips with keyframes on either side, and the logarithms of their factors (n, slips) at known steps."""
-    if np.count_nonzero(known) < _FEWEST_WITHIN + 2 * _FEWEST_BESIDE:
-        return [], np.zeros((0, 0))
-    first_s, last_s = float(stamps_s[_FEWEST_BESIDE]), float(stamps_s[-1 - _FEWEST_BESIDE])
-    longest_s = _LARGEST_SHARE * (stamps_s[-1] - stamps_s[0])
+def _candidates(stamps_s: FloatArray, known: BoolArray, beyond_s: float) -> tuple[list[Slip], FloatArray]:
+    """Slips within the stretch, or up to `beyond_s` beyond it, and the logarithms of their factors.
+
+    The latter (n, slips) at known steps.
+    """
+    beside = 0 if beyond_s else _FEWEST_BESIDE
+    first_s, last_s = float(stamps_s[beside]) - beyond_s, float(stamps_s[-1 - beside]) + beyond_s
+    longest_s = _LARGEST_SHARE * (stamps_s[-1] - stamps_s[0] + 2 * beyond_s)
     ends_s = np.linspace(first_s, last_s, min(int((last_s - first_s) / _STEP_S) + 2, _MOST_ENDS)).tolist()
     slips = [Slip(a, b, 1.0, 0.0) for a in ends_s for b in ends_s if _SHORTEST_S <= b - a <= longest_s]
     courses = [slip.mean_log_factors(stamps_s)[known] for slip in slips]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,6 +19,8 @@ UNSEEN = "images do not tell how the camera moved at frames"
 
 def warn_of_gaps(result: SlamResult, sensors: SensorSuite) -> list[str]:
     """A warning for each stretch of lost frames over which no sensor measures the turn or the way.
+
+    A stretch up to the end of the run counts, too: its poses are a guess.
 
     Parameters
     ----------
@@ -37,29 +40,28 @@ def warn_of_gaps(result: SlamResult, sensors: SensorSuite) -> list[str]:
 def _warnings(result: SlamResult, sensors: SensorSuite) -> Iterator[str]:
     times, lost = result.path.times, set(result.lost)
     frames = list(times)
-    first = 0
-    for place in range(1, len(frames)):
-        if frames[place] in lost:
+    seen = [place for place, frame in enumerate(frames) if frame not in lost]
+    for before, behind in pairwise([*seen, len(frames)]):
+        unseen, ends = frames[before + 1 : behind], behind == len(frames)
+        start_s, end_s = times[frames[before]], times[frames[-1] if ends else frames[behind]]
+        if not unseen or end_s - start_s <= _SHORT_S:
             continue
-        start_s, end_s = times[frames[first]], times[frames[place]]
-        if place > first + 1 and end_s - start_s > _SHORT_S:
-            unseen = frames[first + 1 : place]
-            yield from _of_gap(stretches(unseen, near=1)[0], start_s, end_s, result.metric, sensors)
-        first = place
+        kept, untied = _unmeasured(start_s, end_s, result.metric, sensors)
+        if not kept:
+            continue
+        named = f"{UNSEEN} {stretches(unseen, near=1)[0]} ({end_s - start_s:.1f} s), and no sensor does"
+        tied = "" if ends else f", and nothing else ties the {untied} of the map behind to the map before"
+        yield f"{named}: it is taken to have kept its {kept}{tied}"
 
 
-def _of_gap(named: str, start_s: float, end_s: float, metric: bool, sensors: SensorSuite) -> Iterator[str]:
+def _unmeasured(start_s: float, end_s: float, metric: bool, sensors: SensorSuite) -> tuple[str, str]:
+    """What no sensor measures between two times, and what that leaves untied; empty if it is nothing."""
     if metric and all(_is_placed(t_s, sensors) for t_s in (start_s, end_s)):
-        return
+        return "", ""
     no_turn = sensors.rotation(start_s, end_s) is None
     no_way = not metric or sensors.distance(start_s, end_s) is None
-    if no_turn or no_way:
-        kept = " and ".join(["turn"] * no_turn + ["speed"] * no_way)
-        untied = " and ".join(["pose" if no_turn else "place"] + ["scale"] * (not metric))
-        yield (
-            f"{UNSEEN} {named} ({end_s - start_s:.1f} s), and no sensor does: it is taken to have kept its "
-            f"{kept}, and nothing else ties the {untied} of the map behind to the map before"
-        )
+    kept = " and ".join(["turn"] * no_turn + ["speed"] * no_way)
+    return kept, " and ".join(["pose" if no_turn else "place"] + ["scale"] * (not metric))
 
 
 def _is_placed(time_s: float, sensors: SensorSuite) -> bool:

@@ -83,6 +83,37 @@ def test_a_wrong_unit_or_axis_is_no_bias(factor: float) -> None:
         assert find_bias(replace(stream, values=factor * stream.values), MOUNTING, turns(count)) is None
 
 
+def in_an_even_bend(count: int, rate_rad_s: float) -> list[Turn]:
+    """What a camera sees that turns evenly with the body about its z axis, with noise of 2 mrad."""
+    rng, to_camera = np.random.default_rng(0), Rotation.from_matrix(MOUNTING.camera_from_body)
+    seen = to_camera * Rotation.from_rotvec([0.0, 0.0, rate_rad_s * STEP_S]) * to_camera.inv()
+    noisy = [(seen * Rotation.from_rotvec(rng.normal(0, 0.002, 3))).as_matrix() for _ in range(count)]
+    return [Turn(1 + STEP_S * k, 1 + STEP_S * (k + 1), turn) for k, turn in enumerate(noisy)]
+
+
+EVEN_RAD_S = np.radians(8.0)
+
+
+@pytest.mark.parametrize("count", [6, 8, 12])
+def test_a_bias_shows_in_an_even_bend_as_axes_do_not_change_the_rate(count: int) -> None:
+    bias, stamps = np.radians([0.0, 0.0, 2.5]), np.arange(0.0, 9.0, 0.01)
+    rate = bias + np.array([0.0, 0.0, EVEN_RAD_S])
+    stream = SensorStream(stamps, np.tile(rate, (len(stamps), 1)), "angular_rate")
+    found = find_bias(stream, MOUNTING, in_an_even_bend(count, EVEN_RAD_S))
+    assert found is not None
+    assert np.linalg.norm(found - bias) < np.radians(0.5)
+
+
+@pytest.mark.parametrize(
+    "axis", [[1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0], [0.6, 0, 0.8], [0, 0, 0.02], [0, 0, 0]]
+)
+def test_wrong_axes_or_a_dead_stream_in_an_even_bend_are_no_bias(axis: list[float]) -> None:
+    stamps = np.arange(0.0, 9.0, 0.01)
+    stream = SensorStream(stamps, np.tile(EVEN_RAD_S * np.array(axis), (len(stamps), 1)), "angular_rate")
+    for count in range(6, 17):
+        assert find_bias(stream, MOUNTING, in_an_even_bend(count, EVEN_RAD_S)) is None
+
+
 # Pairs of images that are each off by as much as a small bias turns the camera in a step.
 MANY, NOISE_RAD = 64, 0.002
 LASTING = gyro(seconds=30.0)

@@ -46,8 +46,25 @@ def test_long_steps_have_the_mean_of_the_factor() -> None:
     np.testing.assert_allclose(SLIP.mean_log_factors(stamps_s), means, atol=1e-4)
 
 
+@pytest.mark.parametrize("seen", [slice(13, None), slice(0, 18), slice(11, 20)])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slip_is_found_by_a_map_that_begins_or_ends_within_it(seen: slice, seed: int) -> None:
+    true = Slip(3.0, 6.0, float(np.log(0.6)), 0.0)
+    steps = slice(seen.start, None if seen.stop is None else seen.stop - 1)
+    found = find_slip(STAMPS_S[seen], ratios(true, seed)[steps], covariance()[steps, steps])
+    assert found is not None
+    within = found.log_factors(MIDDLES_S[steps])
+    assert within == pytest.approx(true.log_factors(MIDDLES_S[steps]), abs=0.25)
+
+
 def test_no_drift_is_taken_for_one() -> None:
-    assert not any(find_slip(STAMPS_S, ratios(None, seed), covariance()) for seed in range(100))
+    for length in (len(STAMPS_S), 12):
+        cut = slice(0, length - 1)
+        found = [
+            find_slip(STAMPS_S[:length], ratios(None, seed)[cut], covariance()[cut, cut])
+            for seed in range(100)
+        ]
+        assert not any(found)
 
 
 def test_images_that_do_not_hold_their_scale_blame_nobody() -> None:

@@ -101,6 +101,20 @@ def test_a_gap_over_which_sensors_measure_all_is_not_told() -> None:
     assert not [warning for warning in warnings if warning.startswith(UNSEEN)]
 
 
+@pytest.mark.parametrize(("used", "kept"), [((), "turn and speed"), ((0,), "turn"), ((1,), "speed")])
+def test_what_no_sensor_measures_up_to_the_end_is_told(used: tuple[int, ...], kept: str) -> None:
+    drive = winding(0.5)
+    sequence, sensors = black(drive), sensors_of(drive)
+    views = [sequence.view(frame) for frame in range(GAP[-1] + 1)]
+    frames = np.repeat(np.arange(len(views)), [len(view.tracks) for view in views])
+    tracks, pixels = (np.concatenate([getattr(v, name) for v in views]) for name in ("tracks", "pixels"))
+    rows = (sequence.t_s[: len(views)], frames, tracks, pixels)
+    warnings = run_slam(TrackSequence(*rows, INTRINSICS), ONCE, [sensors[k] for k in used]).warnings
+    (told,) = [warning for warning in warnings if warning.startswith(UNSEEN)]
+    assert told.startswith(f"{UNSEEN} {GAP[0]} to {GAP[-1]} (1.6 s)")
+    assert told.endswith(f"kept its {kept}")
+
+
 def test_poses_predicted_over_a_long_gap_are_rotations() -> None:
     """Their deviations from one trebled with every frame: after twenty the run ended with an error."""
     drive = winding(0.5)
