@@ -84,28 +84,38 @@ double* CoarseSpace::block_of(int aggregate, int number) {
 }
 
 void CoarseSpace::set_matrix() {
-  const int modes = num_modes();
-  const std::span<double> values = cholesky_->values();
   cholesky_->set_zero(normal_.pool());
-  const auto add = [&](int k, int other, int number) {
-    const int row = supernodes_.position[k], column = supernodes_.position[other];
-    const double* block = block_of(k, number);
-    const BlockPlace place = cholesky_->place(std::max(row, column), std::min(row, column));
-    for (int r = 0; r < modes; ++r) {
-      for (int c = 0; c < modes; ++c)
-        values[row >= column ? place.of(r, c) : place.of(c, r)] += block[modes * r + c];
-    }
-    if (row != column) return;
-    for (int r = 0; r < modes; ++r) {
-      for (int c = 0; c < modes; ++c) values[place.of(r, c)] += block[modes * c + r];
-      double& pivot = values[place.of(r, r)];
-      if (pivot == 0.0) pivot = 1.0;  // no mode
-    }
-  };
   for (int k = 0; k < aggregates_.count(); ++k) {
-    add(k, k, 0);
+    add_diagonal_block(k);
     int number = 0;
-    for (int other : adjacency_.of(k)) add(k, other, ++number);
+    for (int other : adjacency_.of(k)) add_block(k, other, block_of(k, ++number));
+  }
+}
+
+// Whole, as is its transpose: each entry below the diagonal is a sum of two.
+void CoarseSpace::add_diagonal_block(int aggregate) {
+  const int modes = num_modes(), place = supernodes_.position[aggregate];
+  const BlockPlace to = cholesky_->place(place, place);
+  const double* block = block_of(aggregate, 0);
+  for (int c = 0; c < modes; ++c) {
+    for (int r = c; r < modes; ++r)
+      cholesky_->values()[to.of(r, c)] += block[modes * r + c] + block[modes * c + r];
+    double& pivot = cholesky_->values()[to.of(c, c)];
+    if (pivot == 0.0) pivot = 1.0;  // no mode
+  }
+}
+
+// A block of the rows of `row` and the columns of `column`, or its transpose if that lies below the
+// diagonal.
+void CoarseSpace::add_block(int row, int column, const double* block) {
+  const int modes = num_modes();
+  const int row_place = supernodes_.position[row], column_place = supernodes_.position[column];
+  const bool is_below = row_place > column_place;
+  const BlockPlace to = is_below ? cholesky_->place(row_place, column_place)
+                                 : cholesky_->place(column_place, row_place);
+  for (int r = 0; r < modes; ++r) {
+    for (int c = 0; c < modes; ++c)
+      cholesky_->values()[is_below ? to.of(r, c) : to.of(c, r)] += block[modes * r + c];
   }
 }
 

@@ -51,6 +51,8 @@ class CoarseSpace {
   void orthonormalise(int aggregate);
   void analyse();
   void set_matrix();
+  void add_diagonal_block(int aggregate);
+  void add_block(int row, int column, const double* block);
   double middle_of_matrix() const;
   double* block_of(int aggregate, int number);
   void add_rows(int aggregate, const std::vector<double>& diagonal, Scratch& scratch);
