@@ -27,7 +27,7 @@ std::vector<std::pair<int, int>> edges_of(const Aggregates& aggregates,
         others.push_back(aggregates.of_camera[neighbours.camera[n]]);
     }
     std::ranges::sort(others);
-    others.erase(std::ranges::unique(others).begin(), others.end());
+    others.erase(std::unique(others.begin(), others.end()), others.end());
     for (int other : others)
       if (other > k) edges.emplace_back(k, other);
   }
