@@ -299,7 +299,8 @@ std::span<double> CoarseSpace::coarse_of(int aggregate) {
 void CoarseSpace::add_correction(const std::vector<double>& r, std::vector<double>& z) {
   if (!usable_) return;
   sums_.assign(static_cast<std::size_t>(aggregates_.count()) * num_modes(), {});
-  normal_.pool().parallel_for(aggregates_.count(), [&](int k) { restrict(k, r); });
+  normal_.pool().parallel_for_worker(
+      aggregates_.count(), [&](int k, int worker) { restrict(k, r, scratch_[worker].sums); });
   normal_.exchange().sum(sums_);
   coarse_.resize(sums_.size());
   for (int k = 0; k < aggregates_.count(); ++k)
@@ -309,12 +310,13 @@ void CoarseSpace::add_correction(const std::vector<double>& r, std::vector<doubl
 }
 
 // Zᵀ r of an aggregate: what a camera adds is of one rank, their sum may be of several.
-void CoarseSpace::restrict(int aggregate, const std::vector<double>& r) {
+void CoarseSpace::restrict(int aggregate,
+                           const std::vector<double>& r,
+                           std::vector<double>& of_camera) {
   const int modes = num_modes();
   CompensatedSum* sums = sums_.data() + static_cast<long>(modes) * aggregate;
-  std::vector<double> of_camera(modes);
   for_each_member_here(aggregate, [&](int i) {
-    std::ranges::fill(of_camera, 0.0);
+    of_camera.assign(modes, 0.0);
     for_each_own_column(i, [&](int column, const double* row) {
       for (int c = 0; c < modes; ++c) of_camera[c] += row[c] * r[column];
     });

@@ -65,7 +65,7 @@ class CoarseSpace {
   template <class Value>
   void add_product(int camera, const Value& value, double* sums) const;
   void add_to_block(int i, const double* sums, double* block) const;
-  void restrict(int aggregate, const std::vector<double>& r);
+  void restrict(int aggregate, const std::vector<double>& r, std::vector<double>& of_camera);
   std::span<double> coarse_of(int aggregate);
   void prolong(int aggregate, std::vector<double>& z);
 
