@@ -31,7 +31,7 @@ def scene(seed: int = 1) -> Problem:
     {"method": "lm", "linear_solver": "sparse"},
     {"method": "gradient-descent", "max_iterations": 4},
     {"method": "alternation", "max_iterations": 4},
-    {"linear_solver": "iterative", "pcg_forcing": 1e-6},  # rough steps differ by as much as they are rough
+    {"linear_solver": "iterative", "pcg_tolerance": 1e-8},  # rough steps differ by as much as they are rough
     {"line_search": "soft"},
     {"line_search": "backtracking"},
     {"threads": 2},
