@@ -107,8 +107,8 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
     if folder.foreign:
         count = len(folder.foreign)
         photos = "1 photo is of a kind" if count == 1 else f"{count} photos are of kinds"
-        few = ", ".join(folder.foreign[:_MOST_NAMED]) + (", …" if count > _MOST_NAMED else "")
-        warnings.append(f"{photos} not read here, and left out: {few}; {jpeg_of_foreign(folder.foreign[0])}")
+        advice = jpeg_of_foreign(folder.foreign[0])
+        warnings.append(f"{photos} not read here, and left out: {_few(folder.foreign)}; {advice}")
     warnings += _warnings_of_mirrored([photo.name for photo in folder.photos if photo.is_mirrored])
     warnings += _warnings_of_panoramas([photo.name for photo in folder.photos if photo.is_panorama])
     return warnings + _warnings_of_further_images(folder.photos)
@@ -136,15 +136,13 @@ def _warnings_of_panoramas(names: Sequence[str]) -> list[str]:
 
 
 def _warnings_of_further_images(photos: Sequence[Photo]) -> list[str]:
-    several = {photo.name: photo.further_images for photo in photos if photo.further_images}
+    several = [f"{photo.name} ({photo.further_images} more)" for photo in photos if photo.further_images]
     if not several:
         return []
     files = "1 file holds" if len(several) == 1 else f"{len(several)} files hold"
-    few = ", ".join(f"{name} ({count} more)" for name, count in list(several.items())[:_MOST_NAMED])
-    more = ", …" if len(several) > _MOST_NAMED else ""
     return [
-        f"{files} more than one image, and only the first is used: {few}{more}; save the others as files of "
-        "their own"
+        f"{files} more than one image, and only the first is used: {_few(several)}; save the others as files "
+        "of their own"
     ]
 
 
@@ -152,10 +150,14 @@ def warnings_of_copies(copies: Mapping[str, str], how: str) -> list[str]:
     """Name what was left out as a copy of another photo; nothing if nothing was."""
     if not copies:
         return []
-    few = ", ".join(f"{name} of {first}" for name, first in list(copies.items())[:_MOST_NAMED])
-    more = ", …" if len(copies) > _MOST_NAMED else ""
+    few = _few([f"{name} of {first}" for name, first in copies.items()])
     images = "1 image is a copy" if len(copies) == 1 else f"{len(copies)} images are copies"
-    return [f"{images}, {how}, and left out: {few}{more}"]
+    return [f"{images}, {how}, and left out: {few}"]
+
+
+def _few(names: Sequence[str]) -> str:
+    """The first of some names, and whether there are more."""
+    return ", ".join(names[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")
 
 
 def warnings_of(
