@@ -6,6 +6,7 @@ A model of too few parameters bends the scene, focal length and heights first; o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,22 +16,39 @@ from sfmcpp.doctor.distortion import distortion
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
+from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, adjusted
 from sfmcpp.sfm.cameras import Cameras
+from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.settings import IncrementalSettings
 
-# What is freed, each on top of what was worth it before, and what the model is called then.
-_STEPS = ((("k2",), "radial"), (("aspect", "cx", "cy"), "opencv"))
-# Intrinsics stay free if they lower the cost by this part. Noise alone lowers that of M observations by less
-# than 1 / M for each; what other errors of a model lend to any parameter is seldom more than one percent.
-_WORTH = 0.015
+
+class _Step(NamedTuple):
+    """Intrinsics that are freed together."""
+
+    intrinsics: tuple[str, ...]
+    worth: float  # they stay free if they lower the cost by this share,
+    most_sigma: float  # and if they and the focal length are determined to this share of the focal length
+    model: str | None  # name of the model then, if it gets another
+
+
+# Each on top of what was worth it before. Noise alone lowers the cost of M observations by less than 1 / M
+# for each intrinsic; other errors of a model lend as much as one percent to distortion and aspect ratio. To a
+# principal point that is the centre they lend up to 0.002; one that is half a percent of the width off is
+# worth 0.006 and more. Over flat ground seen from above it takes the focal length along, on a turntable the
+# tilt of all cameras: where the images tell so little of it, its σ shows it (bench/sfm/README.md).
+_STEPS = (
+    _Step(("k2",), 0.015, np.inf, "radial"),
+    _Step(("cx", "cy"), 0.004, 0.003, None),
+    _Step(("aspect",), 0.015, 0.003, "opencv"),
+)
 # An estimated aspect ratio beyond this factor is that of no camera: their pixels are square.
 _MOST_UNEVEN = 1.05
-_ASPECT = PERSPECTIVE.index("aspect")
+_FOCAL, _ASPECT = PERSPECTIVE.index("f"), PERSPECTIVE.index("aspect")
 # Focal lengths of lenses in lengths of the longer side: shorter ones see 150° and more, which none draws with
 # straight lines, longer ones are those of telescopes.
 _LENSES = 0.13, 50.0
@@ -63,28 +81,41 @@ def choose_camera_model(
     """
     name, best = "simple-radial", adjusted(world, settings, **FINE)
     apart = _position_rms(world.poses, positions, settings)
-    for intrinsics, richer in _STEPS:
+    for step in _STEPS:
         local = world.whole_problem(2)
         estimated = ~local.problem.fixed_intrinsics.all(axis=1) & ~np.isin(local.cameras, simple)
         if not estimated.any():
             break
         freed = local.problem.fixed_intrinsics.copy()
-        for intrinsic in intrinsics:
+        for intrinsic in step.intrinsics:
             freed[estimated, PERSPECTIVE.index(intrinsic)] = False
         if np.array_equal(freed, local.problem.fixed_intrinsics):
-            name = richer
+            name = step.model or name
             continue
         local.problem.fixed_intrinsics[:] = freed
         cost = adjusted(world, settings, local, **FINE)
         poses = world.poses.copy()
         poses[local.images] = local.problem.cameras
         moved = _position_rms(poses, positions, settings)
-        if cost < (1 - _WORTH) * best and moved <= _BENT * apart:
+        is_worth_it = cost < (1 - step.worth) * best and moved <= _BENT * apart
+        if is_worth_it and _is_determined(local.problem, step):
             world.take(local)
             world.fixed_intrinsics[local.cameras] = freed
-            name, best, apart = richer, cost, moved
+            name, best, apart = step.model or name, cost, moved
     for camera in np.setdiff1d(np.flatnonzero(~world.fixed_intrinsics.all(axis=1)), simple):
         world.camera_names[camera] = name.upper().replace("-", "_")
+
+
+def _is_determined(problem: Problem, step: _Step) -> bool:
+    """Whether the images tell what a step has freed, and the focal length beside it."""
+    if np.isinf(step.most_sigma):
+        return True
+    sigmas = sigmas_of_intrinsics(problem)
+    if sigmas is None:
+        return False
+    focals = problem.intrinsics[:, _FOCAL]
+    shares = [sigmas[:, PERSPECTIVE.index(name)] / focals for name in ("f", "cx", "cy")]
+    return bool(np.max([*shares, sigmas[:, _ASPECT]]) <= step.most_sigma)
 
 
 def _position_rms(poses: FloatArray, positions: Positions | None, settings: IncrementalSettings) -> float:

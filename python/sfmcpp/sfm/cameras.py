@@ -24,8 +24,8 @@ from sfmcpp.sources.io.intrinsics import matrix_fault, pinhole_of_matrix
 if TYPE_CHECKING:
     from sfmcpp.sources.io.colmap.database import DatabaseCamera
 
-# Intrinsics that a reconstruction estimates, by the name that COLMAP gives the model. The principal point
-# stays at the centre of the image: a few photos do not tell it.
+# Intrinsics that a reconstruction estimates at first, by the name that COLMAP gives the model. The principal
+# point stays at the centre of the image until a model of all photos tells it (camera_choice.py).
 FREE_INTRINSICS: dict[str, tuple[str, ...]] = {
     "simple-pinhole": ("f",),
     "pinhole": ("f", "aspect"),

@@ -12,9 +12,9 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sfm.fit_statistics import pixel_variance
 
-# Above these, they would take longer than all that is told beside them.
-_MOST_IMAGES = 150
-_MOST_OBSERVATIONS = 300_000
+# Of the largest, they take a second.
+_MOST_IMAGES = 1000
+_MOST_OBSERVATIONS = 1_000_000
 
 
 def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:

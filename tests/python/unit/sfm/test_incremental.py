@@ -13,9 +13,7 @@ from sfmcpp import InvalidArgument
 from sfmcpp.geometry import fit_similarity, so3
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
-from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm import MatchGraph, reconstruct
-from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.cameras import Cameras, cameras_of
 from sfmcpp.sfm.contradictions import contradicting_pairs
 from sfmcpp.sfm.growth import Growth
@@ -261,15 +259,6 @@ def test_a_model_that_loses_all_its_images_is_none(monkeypatch: pytest.MonkeyPat
     graph = match_graph(truth, sigma_px=SIGMA_PX)
     monkeypatch.setattr(Growth, "_give_up_lost_images", lose_all)
     assert grown(graph, known_cameras(graph, truth)).models == []
-
-
-def test_cameras_that_were_chosen_before_keep_their_name() -> None:
-    truth = truth_of(8, 200)
-    graph = match_graph(truth, sigma_px=SIGMA_PX)
-    (world,) = grown(graph, cameras_of(graph.photos, model="simple-radial", focal_px=1000.0)).models
-    world.fixed_intrinsics[:, PERSPECTIVE.index("k2")] = False
-    choose_camera_model(world, IncrementalSettings())
-    assert world.camera_names == ["RADIAL"]
 
 
 def test_what_sees_known_points_is_kept_up_to_date() -> None:
