@@ -31,6 +31,7 @@ from sfmcpp.sensors import (
 from sfmcpp.sensors.frozen_speed import frozen_stretches
 from sfmcpp.sensors.gps import position_sigma
 from sfmcpp.sensors.odometer import displacement_along
+from sfmcpp.sensors.stream import prediction_sigma
 from sfmcpp.slam.measurement import Measurement
 
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
@@ -127,8 +128,7 @@ class Odometer:
         self, start_s: float, end_s: float, rotation: FloatArray, turn: FloatArray | None = None
     ) -> Measurement | None:
         """Motion from the keyframe before; of the camera, if its `turn` is given (see :meth:`step`)."""
-        step = self.step(start_s, end_s, turn)
-        distance = self._distance(start_s, end_s, turn)
+        step, distance = self.step(start_s, end_s, turn), self._distance(start_s, end_s, turn)
         if distance is None:
             return None
         sigma_m = self._sigma_m(start_s, end_s, distance)
@@ -143,10 +143,11 @@ class Odometer:
         if self.sigma_m is None:
             return None
         middle_s = 0.5 * (start_s + end_s)
-        to_ends = (min(middle_s - gap.start_s, gap.end_s - middle_s) for gap in self.carried_stretches)
-        since_s = sum(max(0.0, to_end_s) for to_end_s in to_ends)
+        gaps = self.carried_stretches
+        since_s = sum(max(0.0, min(middle_s - gap.start_s, gap.end_s - middle_s)) for gap in gaps)
         carried_m = _CARRIED_M_S2 * since_s * (end_s - start_s)
-        return float(np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m]))
+        within_m = np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m])
+        return float(np.hypot(within_m, prediction_sigma(self.stream, start_s, end_s)))
 
     def step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
         """Step (3,) of the camera in its axes at the start [m], by its `turn` (3, 3), or turns on the way."""
@@ -220,7 +221,8 @@ class Gyroscope:
         if turn is None:
             return None
         drift_rad = self.drift_rad_sqrt_s * np.sqrt(end_s - start_s)
-        sigma_rad = None if self.sigma_rad is None else float(np.hypot(self.sigma_rad, drift_rad))
+        more_rad = np.hypot(drift_rad, prediction_sigma(self.stream, start_s, end_s))
+        sigma_rad = None if self.sigma_rad is None else float(np.hypot(self.sigma_rad, more_rad))
         slack_rad = self._sampling_rad(start_s, end_s)
         return Measurement(self.name, "displacement-rotation-log", turn, sigma_rad, slack=slack_rad)
 
@@ -380,8 +382,7 @@ class Ins:
         return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
 
 
-# Sensors whose stream can be extended, shifted and corrected.
-STAMPED = (Odometer, Gyroscope, Gps, Ins)
+STAMPED = (Odometer, Gyroscope, Gps, Ins)  # their streams can be extended, shifted and corrected
 
 
 def _require_sigma(name: str, sigma: float | None) -> None:
@@ -391,10 +392,9 @@ def _require_sigma(name: str, sigma: float | None) -> None:
 
 
 def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:
-    told, kept = len(stream), len(reachable)
-    if told == kept:
+    if not (lost := len(stream) - len(reachable)):
         return []
     return [
-        f"stream {stream.name!r}: {told - kept} of {told} positions are where no vehicle can have got to "
+        f"stream {stream.name!r}: {lost} of {len(stream)} positions are where no vehicle can have got to "
         "from the others: they get no weight"
     ]
