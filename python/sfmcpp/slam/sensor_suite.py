@@ -30,7 +30,8 @@ from sfmcpp.sensors.rate_drift import RateDrift, find_drift
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS, Measurement, MotionSensor
-from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.motion_sensors import STAMPED, Gyroscope, Odometer
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.rate_biases import RateBiases, RatesAtRest
 from sfmcpp.slam.world_map import Keyframe
 
