@@ -116,7 +116,7 @@ def prediction_sigma(stream: SensorStream, start_s: float, end_s: float) -> floa
 
     Along an axis of a displacement [m], or about one of a rotation [rad]; zero for what is measured.
     """
-    first_s, last_s = stream.t_s[[0, -1]].tolist()
+    first_s, last_s = float(stream.t_s[0]), float(stream.t_s[-1])
     after = max(end_s - last_s, 0.0) ** 2 - max(start_s - last_s, 0.0) ** 2
     before = max(first_s - start_s, 0.0) ** 2 - max(first_s - end_s, 0.0) ** 2
     turns = stream.kind in ("angular_rate", "orientation", "pose")
