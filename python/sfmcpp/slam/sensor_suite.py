@@ -109,8 +109,7 @@ class SensorSuite:
         for name in names:
             if (count := names.count(name)) > 1:
                 raise InvalidArgument(f"sensors: {count} are named {name!r}, must have names of their own")
-        # As they were given.
-        self.given = tuple(sensors)
+        self.given = tuple(sensors)  # without corrections
         # Names of those that the images deny up to the latest keyframe: at one alone the images may be wrong.
         self.in_conflict: frozenset[str] = frozenset()
         # How each compared with the images so far, by name.
