@@ -4,8 +4,9 @@ from sfmcpp.model.frames import Frame, View
 from sfmcpp.slam.drive_run import SlamRun, motion_sensors, run
 from sfmcpp.slam.frame_run import run_slam
 from sfmcpp.slam.measurement import Measurement, MotionSensor
-from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
 from sfmcpp.slam.path import Path
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.result import FinalAdjustment, KeyframeRecord, SlamResult
 from sfmcpp.slam.scale_drift import scale_sigmas
 from sfmcpp.slam.settings import SlamSettings

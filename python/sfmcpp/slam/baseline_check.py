@@ -15,7 +15,8 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import register_by_positions
 from sfmcpp.sensors.odometer import LEAST_STEP_M
-from sfmcpp.slam.motion_sensors import Gps, Ins, Odometer
+from sfmcpp.slam.motion_sensors import Odometer
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.registration import UP
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.stereo import metres_by_right_images

@@ -12,7 +12,8 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.rigs import composed
 from sfmcpp.sensors import Turn, check_bends, check_position_clock
 from sfmcpp.sensors.stream import clock_text
-from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Odometer
+from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
+from sfmcpp.slam.position_sensors import Gps
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap

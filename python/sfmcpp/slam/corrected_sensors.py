@@ -10,7 +10,8 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import Slip, without_slip
 from sfmcpp.sensors.rate_drift import RateDrift, without_drift
 from sfmcpp.slam.measurement import MotionSensor
-from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.motion_sensors import STAMPED, Gyroscope, Odometer
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.sensor_faults import dead_odometers, misaligned_odometers
 from sfmcpp.slam.sensor_suite import SensorSuite
 

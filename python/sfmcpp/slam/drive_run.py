@@ -22,7 +22,8 @@ from sfmcpp.sensors import Mounting, local_positions
 from sfmcpp.sensors.gps import doubt_of_radians, middle_of, require_metres
 from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.measurement import MotionSensor
-from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.scale_drift import stretches
 from sfmcpp.slam.settings import SlamSettings

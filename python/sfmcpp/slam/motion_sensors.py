@@ -1,4 +1,4 @@
-"""Sensors as sources of measurements of keyframes: odometer, gyroscope, GPS, INS."""
+"""Sensors as sources of motions from keyframe to keyframe: odometer, gyroscope."""
 
 from __future__ import annotations
 
@@ -6,33 +6,28 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sfmcpp.model import Gap, SensorStream
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.checks import require_not_negative, require_positive
-from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.model.checks import require_not_negative
 from sfmcpp.sensors import (
     Mounting,
     carried_over,
-    displaced_positions,
     doubtful_stretches,
-    longest_lost_fix,
-    pose_at,
-    position_at,
     rotation_increment,
     sampling_variance,
-    smoothed_positions,
     travelled_distance,
-    without_leaps,
-    without_repeats,
 )
 from sfmcpp.sensors.frozen_speed import frozen_stretches
-from sfmcpp.sensors.gps import position_sigma
 from sfmcpp.sensors.odometer import displacement_along
+from sfmcpp.sensors.stream import prediction_sigma
 from sfmcpp.slam.measurement import Measurement
+from sfmcpp.slam.position_sensors import Gps, Ins, require_sigma
 
+# Where rates are sampled seven times in a sway, rotations are off by 0.1 to 0.3 of what the samples show
+# beside their neighbours (simulated walkers); where the errors of rates are independent, by all of it.
+_LEAST_SHARE = 0.25
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
 _CARRIED_M_S2 = 1.0
 
@@ -87,7 +82,7 @@ class Odometer:
 
     def __post_init__(self) -> None:
         check_fields(self, "stream", "name", "mounting", "directions")
-        _require_sigma("sigma_m", self.sigma_m)
+        require_sigma("sigma_m", self.sigma_m)
         require_not_negative("relative_sigma", self.relative_sigma)
 
     @cached_property
@@ -143,10 +138,11 @@ class Odometer:
         if self.sigma_m is None:
             return None
         middle_s = 0.5 * (start_s + end_s)
-        to_ends = (min(middle_s - gap.start_s, gap.end_s - middle_s) for gap in self.carried_stretches)
-        since_s = sum(max(0.0, to_end_s) for to_end_s in to_ends)
+        gaps = self.carried_stretches
+        since_s = sum(max(0.0, min(middle_s - gap.start_s, gap.end_s - middle_s)) for gap in gaps)
         carried_m = _CARRIED_M_S2 * since_s * (end_s - start_s)
-        return float(np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m]))
+        within_m = np.linalg.norm([self.sigma_m, self.relative_sigma * distance, carried_m])
+        return float(np.hypot(within_m, prediction_sigma(self.stream, start_s, end_s)))
 
     def step(self, start_s: float, end_s: float, turn: FloatArray | None) -> FloatArray | None:
         """Step (3,) of the camera in its axes at the start [m], by its `turn` (3, 3), or turns on the way."""
@@ -174,8 +170,9 @@ class Gyroscope:
     """Rotations: constrains the rotation from one keyframe to the next (thesis eq. 5.21).
 
     Rates that are sampled too slowly for a shaking body have larger errors than declared. The stream shows
-    where and by how much (:func:`sfmcpp.sensors.sampling_variance`). Conflicts are judged by that, weights
-    are not: that costs more than it gains, as images with few tracks are worse still.
+    where and by how much at most (:func:`sfmcpp.sensors.sampling_variance`). Conflicts are judged by that.
+    Weights are chosen by a quarter of it, where that is more than declared: all of it costs more than it
+    gains on drives, as images with few tracks are worse still.
 
     Attributes
     ----------
@@ -206,7 +203,7 @@ class Gyroscope:
 
     def __post_init__(self) -> None:
         check_fields(self, "stream", "mounting", "name")
-        _require_sigma("sigma_rad", self.sigma_rad)
+        require_sigma("sigma_rad", self.sigma_rad)
         require_not_negative("drift_rad_sqrt_s", self.drift_rad_sqrt_s)
 
     def between(self, start_s: float, end_s: float) -> FloatArray | None:
@@ -219,10 +216,16 @@ class Gyroscope:
         turn = self.between(start_s, end_s)
         if turn is None:
             return None
-        drift_rad = self.drift_rad_sqrt_s * np.sqrt(end_s - start_s)
-        sigma_rad = None if self.sigma_rad is None else float(np.hypot(self.sigma_rad, drift_rad))
         slack_rad = self._sampling_rad(start_s, end_s)
+        sigma_rad = self._sigma_rad(start_s, end_s, _LEAST_SHARE * slack_rad)
         return Measurement(self.name, "displacement-rotation-log", turn, sigma_rad, slack=slack_rad)
+
+    def _sigma_rad(self, start_s: float, end_s: float, least_rad: float) -> float | None:
+        if self.sigma_rad is None:
+            return None
+        drift_rad = self.drift_rad_sqrt_s * np.sqrt(end_s - start_s)
+        more_rad = np.hypot(drift_rad, prediction_sigma(self.stream, start_s, end_s))
+        return max(float(np.hypot(self.sigma_rad, more_rad)), least_rad)
 
     def _sampling_rad(self, start_s: float, end_s: float) -> float:
         start, end = np.interp([start_s, end_s], self.stream.t_s, self._gathered_variance)
@@ -233,168 +236,5 @@ class Gyroscope:
         return sampling_variance(self.stream)
 
 
-@dataclass(frozen=True, eq=False)
-class Gps:
-    """Positions: constrains the centre of a keyframe (thesis table 5.1).
-
-    Attributes
-    ----------
-    stream : SensorStream
-        Of kind ``"position"``: where the antenna, the origin of the body, is in the sensor's world [m]. Of
-        kind ``"geodetic"``: see :func:`sfmcpp.sensors.local_positions`.
-    mounting : Mounting, optional
-        How the camera sits on the body, whose z axis points up. Default: the antenna is at the camera, which
-        is upright.
-    name : str
-        Name in reports.
-    sigma_m : float, optional
-        Standard deviation along each axis [m]; None: estimated during the run.
-    origin : WorldOrigin, optional
-        Where the sensor's world has its origin, if that is known.
-
-    Raises
-    ------
-    InvalidArgument
-        If a value is of another type, or `sigma_m` is not positive.
-    """
-
-    stream: SensorStream
-    mounting: Mounting | None = None
-    name: str = "gps"
-    sigma_m: float | None = 1.0
-    origin: WorldOrigin | None = None
-
-    def __post_init__(self) -> None:
-        check_fields(self, "stream", "mounting", "name", "origin")
-        _require_sigma("sigma_m", self.sigma_m)
-
-    @cached_property
-    def measured(self) -> SensorStream:
-        """The positions without repeats of the one before."""
-        return without_repeats(self.stream)
-
-    @cached_property
-    def reachable(self) -> SensorStream:
-        """The measured positions that a vehicle can have reached from the others."""
-        return without_leaps(self.measured, self.sigma_m)
-
-    @cached_property
-    def displaced(self) -> NDArray[np.bool_]:
-        """Which of the reachable positions have jumped away from the others, (n,)."""
-        return displaced_positions(self.reachable, self.likely_sigma_m)
-
-    @cached_property
-    def believed(self) -> SensorStream:
-        """The positions that have not, smoothed."""
-        return smoothed_positions(self.reachable.only(~self.displaced), self.likely_sigma_m)
-
-    @property
-    def likely_sigma_m(self) -> float:
-        """Standard deviation along each axis [m]: the declared one, or 1 m."""
-        return 1.0 if self.sigma_m is None else self.sigma_m
-
-    def remarks(self) -> list[str]:
-        """What is wrong with the stream by itself, a sentence each."""
-        stream = f"stream {self.stream.name!r}: "
-        found = _unreachable(self.measured, self.reachable)
-        if (lost := longest_lost_fix(self.stream, self.likely_sigma_m)) is not None:
-            found.append(
-                f"{stream}one position is repeated for {lost[1]:.1f} s from {lost[0]:.3f} s on, as without a "
-                "fix: repeats get no weight"
-            )
-        if self.displaced.any():
-            away = self.reachable.t_s[self.displaced]
-            found.append(
-                f"{stream}{len(away)} of {len(self.measured)} positions jump away from the others, first at "
-                f"{away[0]:.3f} s: they get no weight"
-            )
-        return found
-
-    def at(self, time_s: float, rotation: FloatArray) -> FloatArray | None:
-        """Centre (3,) of a camera with that rotation world_from_camera [m]."""
-        antenna = position_at(self.believed, time_s)
-        if antenna is None or self.mounting is None:
-            return antenna
-        return np.asarray(antenna + rotation @ self.mounting.camera_from_body @ self.mounting.lever_arm_m)
-
-    @property
-    def up_in_camera(self) -> FloatArray:
-        """Direction (3,) that is up in the frame of an upright camera."""
-        if self.mounting is None:
-            return np.array([0.0, -1.0, 0.0])
-        return np.asarray(self.mounting.camera_from_body[:, 2])
-
-    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
-        """Centre of this keyframe."""
-        centre, sigma_m = self.at(end_s, rotation), position_sigma(self.believed, end_s, self.sigma_m)
-        return None if centre is None else Measurement(self.name, "position", centre, sigma_m)
-
-
-@dataclass(frozen=True, eq=False)
-class Ins:
-    """Poses: constrains the pose of a keyframe (thesis eq. 5.22).
-
-    Attributes
-    ----------
-    stream : SensorStream
-        Of kind ``"pose"``, world_from_body.
-    mounting : Mounting
-        How the camera sits on the body.
-    name : str
-        Name in reports.
-    sigma_m : float, optional
-        Standard deviation of a position along each axis [m]; None: estimated during the run.
-
-    Raises
-    ------
-    InvalidArgument
-        If a value is of another type, or `sigma_m` is not positive.
-    """
-
-    stream: SensorStream
-    mounting: Mounting
-    name: str = "ins"
-    sigma_m: float | None = 0.5
-
-    def __post_init__(self) -> None:
-        check_fields(self, "stream", "mounting", "name")
-        _require_sigma("sigma_m", self.sigma_m)
-
-    @cached_property
-    def believed(self) -> SensorStream:
-        """The stream without poses that it shows cannot be right."""
-        return without_leaps(self.stream, self.sigma_m)
-
-    def remarks(self) -> list[str]:
-        """What is wrong with the stream by itself, a sentence each."""
-        return _unreachable(self.stream, self.believed)
-
-    def at(self, time_s: float) -> FloatArray | None:
-        """Pose (3, 4) of the camera, world_from_camera."""
-        body = pose_at(self.believed, time_s)
-        return None if body is None else self.mounting.camera_poses(body)
-
-    def measure(self, start_s: float, end_s: float, rotation: FloatArray) -> Measurement | None:
-        """Pose of this keyframe."""
-        pose = self.at(end_s)
-        return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
-
-
 # Sensors whose stream can be extended, shifted and corrected.
 STAMPED = (Odometer, Gyroscope, Gps, Ins)
-
-
-def _require_sigma(name: str, sigma: float | None) -> None:
-    """Raise InvalidArgument unless a standard deviation is positive, or None: estimated during the run."""
-    if sigma is not None:
-        require_positive(name, sigma)
-
-
-def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:
-    told, kept = len(stream), len(reachable)
-    if told == kept:
-        return []
-    return [
-        f"stream {stream.name!r}: {told - kept} of {told} positions are where no vehicle can have got to "
-        "from the others: they get no weight"
-    ]

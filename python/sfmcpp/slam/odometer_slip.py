@@ -20,8 +20,9 @@ from sfmcpp.sensors.slip import SLIP_MARGIN
 from sfmcpp.slam.fusion import constraint_groups
 from sfmcpp.slam.mapping import ROBUST_LOSS
 from sfmcpp.slam.measurement import METRIC_KINDS, Measurement
-from sfmcpp.slam.motion_sensors import Gps, Ins, Odometer
+from sfmcpp.slam.motion_sensors import Odometer
 from sfmcpp.slam.odometer_clock import set_odometer_clocks
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_faults import misaligned_odometers
 from sfmcpp.slam.sensor_suite import SensorSuite

@@ -16,7 +16,8 @@ from sfmcpp.sensors import Registration, register_by_distances, register_by_pose
 from sfmcpp.sensors.registration import LARGEST_RELATIVE_SIGMA
 from sfmcpp.slam.fusion import presumed_weights
 from sfmcpp.slam.measurement import METRIC_KINDS
-from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings

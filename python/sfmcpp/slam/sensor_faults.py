@@ -20,7 +20,8 @@ from sfmcpp.sensors import (
     find_misalignment,
 )
 from sfmcpp.sensors.agreement import describe_other_time
-from sfmcpp.slam.motion_sensors import Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.sensor_suite import SensorSuite, has_rates
 
 # More stretches of a kind than this are described in one sentence.

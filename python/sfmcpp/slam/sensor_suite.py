@@ -30,7 +30,8 @@ from sfmcpp.sensors.rate_drift import RateDrift, find_drift
 from sfmcpp.slam.experience import Experience
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS, Measurement, MotionSensor
-from sfmcpp.slam.motion_sensors import STAMPED, Gps, Gyroscope, Ins, Odometer
+from sfmcpp.slam.motion_sensors import STAMPED, Gyroscope, Odometer
+from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.rate_biases import RateBiases, RatesAtRest
 from sfmcpp.slam.world_map import Keyframe
 
@@ -108,8 +109,7 @@ class SensorSuite:
         for name in names:
             if (count := names.count(name)) > 1:
                 raise InvalidArgument(f"sensors: {count} are named {name!r}, must have names of their own")
-        # As they were given.
-        self.given = tuple(sensors)
+        self.given = tuple(sensors)  # without corrections
         # Names of those that the images deny up to the latest keyframe: at one alone the images may be wrong.
         self.in_conflict: frozenset[str] = frozenset()
         # How each compared with the images so far, by name.

@@ -6,16 +6,19 @@ none of KITTI's drives has one that stands still over eight keyframes.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from sfmcpp.model.arrays import BoolArray, FloatArray
+from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.frames import View, common
 from sfmcpp.slam.world_map import WorldMap
 
 # A track moved by less than this stands still [px], over so many keyframes.
 _STILL_PX, _APART = 0.5, 8
+# The camera moves where it moves half of the tracks by more than this from one keyframe to the next [px].
+_MOVED_PX = 2.0
 # A warning needs so many of them, in that share of the stretches.
 _FEWEST, _STRETCHES = 5, 0.5
 _REMEDY = "as a bonnet, a time stamp or dirt does: mask what is no part of the scene"
@@ -26,7 +29,8 @@ def still_among_changing(first: View, last: View, overlap: float) -> str:
 
     Where the camera stands, at least the share `overlap` of the tracks is the same in both views.
     """
-    pixels, is_still = _common_pixels(first, last)
+    pixels, moved_px = _common_pixels(first, last)
+    is_still = moved_px < _STILL_PX
     still, count = np.count_nonzero(is_still), len(last.tracks)
     if still >= overlap * count or 2 * still < len(pixels):
         return ""
@@ -34,7 +38,7 @@ def still_among_changing(first: View, last: View, overlap: float) -> str:
 
 
 def warn_of_still_tracks(world: WorldMap | None) -> list[str]:
-    """Warn of tracks that stand still over stretches of keyframes; a camera that stands adds no keyframe.
+    """Warn of tracks that stand still over stretches of keyframes in which the camera moves.
 
     Parameters
     ----------
@@ -46,11 +50,13 @@ def warn_of_still_tracks(world: WorldMap | None) -> list[str]:
     list of str
         One warning, or none.
     """
-    views = [] if world is None else [keyframe.view for keyframe in world.keyframes][::_APART]
+    views = [] if world is None else [keyframe.view for keyframe in world.keyframes]
     found = []
-    for before, after in pairwise(views):
-        pixels, is_still = _common_pixels(before, after)
-        found.append(pixels[is_still])
+    for first in range(0, len(views) - _APART, _APART):
+        stretch = views[first : first + _APART + 1]
+        if _camera_moves(stretch):
+            pixels, moved_px = _common_pixels(stretch[0], stretch[-1])
+            found.append(pixels[moved_px < _STILL_PX])
     stretches = [pixels for pixels in found if len(pixels)]
     if len(stretches) <= _STRETCHES * len(found) or sum(map(len, stretches)) < _FEWEST:
         return []
@@ -60,8 +66,14 @@ def warn_of_still_tracks(world: WorldMap | None) -> list[str]:
     return [f"tracks stand still in the image while the camera moves, {where}, {_REMEDY}"]
 
 
-def _common_pixels(before: View, after: View) -> tuple[FloatArray, BoolArray]:
-    """Where the later view sees the tracks of both (n, 2) [px], and which of them stand still."""
+def _camera_moves(stretch: Sequence[View]) -> bool:
+    """Whether it does anywhere: one that stands adds keyframes, too, as tracks end and others begin."""
+    moved = (_common_pixels(before, after)[1] for before, after in pairwise(stretch))
+    return any(len(moved_px) and np.median(moved_px) > _MOVED_PX for moved_px in moved)
+
+
+def _common_pixels(before: View, after: View) -> tuple[FloatArray, FloatArray]:
+    """Where the later view sees the tracks of both (n, 2), and by how much they have moved (n,) [px]."""
     in_before, in_after = common(before, after)
     pixels = after.pixels[in_after]
-    return pixels, np.linalg.norm(pixels - before.pixels[in_before], axis=1) < _STILL_PX
+    return pixels, np.linalg.norm(pixels - before.pixels[in_before], axis=1)

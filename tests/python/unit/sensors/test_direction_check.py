@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -22,13 +24,23 @@ def nodding(t_s: np.ndarray, strength_rad: float) -> np.ndarray:
     return 10.0 * np.column_stack([np.ones_like(t_s), strength_rad * side, strength_rad * up])
 
 
+def swaying(t_s: np.ndarray, strength_rad: float) -> np.ndarray:
+    """Velocities (n, 3) of a body that sways with a period of 0.9 s and nothing else."""
+    side = strength_rad * np.sin(2 * np.pi * t_s / 0.9)
+    return 10.0 * np.column_stack([np.ones_like(t_s), side, np.zeros_like(t_s)])
+
+
 def seen(
-    strength_rad: float, seed: int = 0, misaligned_rad: float = 0.0, noise_rad: float = NOISE_RAD
+    strength_rad: float,
+    seed: int = 0,
+    misaligned_rad: float = 0.0,
+    noise_rad: float = NOISE_RAD,
+    motion: Callable[[np.ndarray, float], np.ndarray] = nodding,
 ) -> list[Turn]:
     """What images a tenth of a second apart tell, with noise and every tenth step wrong."""
     rng = np.random.default_rng(seed)
     start = np.arange(0.0, 10.0, 0.1)
-    body = nodding(start + 0.05, strength_rad)
+    body = motion(start + 0.05, strength_rad)
     tilted = body @ MOUNTING.camera_from_body.T @ so3.exp(misaligned_rad * np.array([0.6, 0.8, 0.0])).T
     # Steps share the noise of the image between them.
     noisy = tilted / 10.0 + np.diff(rng.normal(0.0, noise_rad / np.sqrt(2), (len(tilted) + 1, 3)), axis=0)
@@ -55,6 +67,16 @@ def test_stamps_that_are_off_are_named_with_their_offset(late_s: float) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_correct_stamps_are_not(strength_rad: float, seed: int) -> None:
     assert not check_directions(odometer(strength_rad, 0.0), MOUNTING, seen(strength_rad, seed)).is_off
+
+
+@pytest.mark.parametrize("seed", [0, 3, 4])
+def test_a_regular_sway_tells_no_clock(seed: int) -> None:
+    """A period later it looks the same, and chance decides which offset fits best."""
+    t_s, noise = np.arange(-2.0, 12.0, 0.1), np.random.default_rng(seed).normal(0.0, 0.05, (140, 3))
+    stream = SensorStream(t_s, swaying(t_s, 0.01) + noise, "velocity")
+    clock = check_directions(stream, MOUNTING, seen(0.01, seed, motion=swaying))
+    assert abs(clock.offset_s) > 0.8
+    assert not clock.is_off
 
 
 @pytest.mark.parametrize("seed", [0, 1, 43])

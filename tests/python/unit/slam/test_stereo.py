@@ -16,7 +16,8 @@ from sfmcpp.slam import SlamResult, SlamSettings, TrackSequence, WorldMap, run_s
 from sfmcpp.slam.baseline_check import warn_of_baseline
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.mapping import adjust
-from sfmcpp.slam.motion_sensors import Gps, Odometer
+from sfmcpp.slam.motion_sensors import Odometer
+from sfmcpp.slam.position_sensors import Gps
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.stereo import metres_per_unit, with_right_views
 from sfmcpp.sources.drives import open_drive
