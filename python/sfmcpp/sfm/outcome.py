@@ -129,8 +129,8 @@ def _warnings_of_panoramas(names: Sequence[str]) -> list[str]:
         return []
     photos = "1 photo is a panorama" if len(names) == 1 else f"{len(names)} photos are panoramas"
     return [
-        f"{photos} by EXIF or XMP, first {names[0]}: no camera model fits, and the model may be wrong; leave "
-        "them out, or cut views from those that show all around: `ffmpeg -i IN -vf "
+        f"{photos} by EXIF, XMP or their borders, first {names[0]}: no camera model fits, and the model may "
+        "be wrong; leave them out, or cut views from those that show all around: `ffmpeg -i IN -vf "
         "v360=e:flat:yaw=90:h_fov=90:v_fov=90 OUT`"
     ]
 
