@@ -191,6 +191,7 @@ def test_angles_with_their_hemisphere_are_read_as_people_write_them(
         ("lat,N/S,lon,E/W", "46.5,s,9.25,E", (-46.5, 9.25)),
         ("Latitude,Latitude Direction,lng,lng_hemisphere", "46.5,N,9.25,W", (46.5, -9.25)),
         ("lat,lat_ref,lon,lon_ref", "-46.5,S,-9.25,W", (-46.5, -9.25)),
+        ("lat,lat_ref,lon,lon_ref", "46.5,-46.0,9.25,-9.0", (46.5, 9.25)),
     ],
 )
 def test_columns_of_hemispheres_give_coordinates_their_sign(
