@@ -45,7 +45,8 @@ class Photo:
     is_mirrored : bool
         Whether its file asks to be shown as its mirror image; pixels are as they are stored.
     is_panorama : bool
-        Whether its file says that it was joined from several photos, or shows all around: no camera's image.
+        Whether its file says that it was joined from several photos, or shows all around, or its pixels do:
+        no camera's image.
     further_images : int
         Images of the same size that its file holds besides, as frames of an animation or pages; not read.
     """

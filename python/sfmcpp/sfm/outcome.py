@@ -129,8 +129,8 @@ def _warnings_of_panoramas(names: Sequence[str]) -> list[str]:
         return []
     photos = "1 photo is a panorama" if len(names) == 1 else f"{len(names)} photos are panoramas"
     return [
-        f"{photos} by EXIF or XMP, first {names[0]}: no camera model fits, and the model may be wrong; leave "
-        "them out, or cut views from those that show all around: `ffmpeg -i IN -vf "
+        f"{photos} by EXIF, XMP or their borders, first {names[0]}: no camera model fits, and the model may "
+        "be wrong; leave them out, or cut views from those that show all around: `ffmpeg -i IN -vf "
         "v360=e:flat:yaw=90:h_fov=90:v_fov=90 OUT`"
     ]
 
@@ -217,8 +217,8 @@ def _sizes_in_words(sizes: list[int]) -> str:
     return f"{sizes[-1]} to {sizes[0]} images each" if sizes[0] > sizes[-1] else f"{sizes[0]} images each"
 
 
-def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
-    """Warn of cameras in models whose focal length is only a guess.
+def guessed_focal_lengths(cameras: Cameras, grown: GrownModels, settings: IncrementalSettings) -> list[str]:
+    """Warn of cameras in models whose focal length is only a guess, or what pairs of few images tell.
 
     Parameters
     ----------
@@ -226,24 +226,43 @@ def guessed_focal_lengths(cameras: Cameras, grown: GrownModels) -> list[str]:
         What was known at the start.
     grown : GrownModels
         Models.
+    settings : IncrementalSettings
+        How many images a model needs before its focal lengths are adjusted.
 
     Returns
     -------
     list of str
-        A sentence, or nothing.
+        A sentence for each kind that there is.
     """
     usual = USUAL_FOCAL * cameras.sizes.max(axis=1, initial=0)
-    guesses: set[int] = set()
+    guesses: dict[int, float] = {}
+    rough: dict[int, float] = {}
     for world in grown.models:
         used = np.unique(world.image_cameras[world.registered])
-        guesses.update(used[cameras.guessed[used] & (world.intrinsics[used, 0] == usual[used])].tolist())
-    if not guesses:
-        return []
-    number = "one camera" if len(guesses) == 1 else f"{len(guesses)} cameras"
+        is_small = np.count_nonzero(world.registered) < settings.intrinsics_images
+        for camera in used[cameras.guessed[used]].tolist():
+            focal = float(world.intrinsics[camera, 0])
+            if focal == usual[camera]:
+                guesses[camera] = focal
+            elif is_small:
+                rough[camera] = focal
     return [
-        f"the focal length of {number} is a guess, first {usual[min(guesses)]:.0f} px: "
-        "too few images to determine it, the model may be distorted"
+        *_focals_in_words(
+            guesses, "is a guess", "too few images to determine it, the model may be distorted"
+        ),
+        *_focals_in_words(
+            rough,
+            "is only what pairs of images tell",
+            "too few images to adjust it or a lens, it may be some percent off and the model distorted",
+        ),
     ]
+
+
+def _focals_in_words(focals: Mapping[int, float], is_what: str, so_what: str) -> list[str]:
+    if not focals:
+        return []
+    number = "one camera" if len(focals) == 1 else f"{len(focals)} cameras"
+    return [f"the focal length of {number} {is_what}, first {focals[min(focals)]:.0f} px: {so_what}"]
 
 
 def _why_no_model(graph: MatchGraph) -> str:

@@ -380,7 +380,7 @@ def _finished_run(
         warnings=[
             *run.warnings,
             *warnings_of(scene.graph, grown, contradicting, run.settings),
-            *guessed_focal_lengths(scene.cameras, grown),
+            *guessed_focal_lengths(scene.cameras, grown, run.settings),
             *camera_warnings(grown.models, scene.cameras),
             *differing_focals(grown.models, contradicting, scene.cameras, run.settings, run.sharing),
         ],

@@ -28,6 +28,7 @@ _ALIASES |= dict.fromkeys(("knot", "knots", "kt", "kts"), "kn") | {"dps": "deg/s
 # Ends and beginnings of units that are written in several ways.
 _SPELLINGS = ((" s^-1", "/s"), ("/sec", "/s"), ("degrees/", "deg/"), ("\u00b0/", "deg/"), (" ", ""))
 _SEPARATORS = "\t;"
+BLANK = " "
 _LONGEST_HEADER = 500
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
@@ -102,13 +103,16 @@ def separator_of(header: str) -> str:
 def cells_of(path: Path, number: int, line: str, separator: str) -> list[str]:
     """Cells of a line, without blanks around them; those between double quotes without these.
 
+    Several blanks separate as one.
+
     Raises
     ------
     DatasetError
         If a cell is longer than any can be; it names the line.
     """
+    text = " ".join(line.split()) if separator == BLANK else line
     try:
-        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator))]
+        return [cell.strip() for cell in next(csv.reader([text], delimiter=separator))]
     except csv.Error as error:
         raise DatasetError(path, str(error), number) from error
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.csv_text import (
+    BLANK,
     DEGREES,
     LENGTH,
     cells_of,
@@ -17,7 +18,8 @@ from sfmcpp.sources.io.csv_text import (
     separator_of,
     unit_factor,
 )
-from sfmcpp.sources.io.exif_text import number_of_exif_text
+from sfmcpp.sources.io.hemisphere_columns import hemisphere_places, signed
+from sfmcpp.sources.io.position_text import degrees_of_text, metres_of_text
 
 Triple = tuple[float, float, float]
 NumberedLine = tuple[int, str]
@@ -31,6 +33,8 @@ _INDEX = ("index", "number", "camera")
 _HEIGHTS = ("ellipsoidal height", "ellipsoid height", "height", "alt", "altitude", "elevation", "h")
 _GEODETIC = (("lat", "latitude"), ("lon", "lng", "longitude", "long"), _HEIGHTS)
 _METRIC = (("x", "east", "e", "easting"), ("y", "north", "n", "northing"), ("z", "up", "u", *_HEIGHTS))
+# Of latitude, longitude, height.
+_HEMISPHERES = ("NS", "EW", "")
 _ALL_AXES = "x y z"
 _LEVEL = ("horizontal", "horz", "h", "lateral", "x y")
 _SIGMAS = (
@@ -49,6 +53,8 @@ _LIKE_SPREAD = re.compile(r"acc|.*(?:sigma|std|accuracy|rms|positioningerror)|(?
 _ANGLES = {"yaw", "pitch", "roll", "heading", "omega", "phi", "kappa"}
 # Metashape names an axis in two ways at once: X/Longitude, Y/North.
 _AXIS_TWICE = re.compile(r"[xyz]/(?=\w{3})")
+# So many words without another separator are titles of columns.
+_TITLES = 4
 # So many numbers are a line of a table, no header.
 _NUMBERS = 3
 _PROJECTION = re.compile(r"(epsg:\s*\d+|wgs\s*84.*|\+proj=.*)", re.IGNORECASE)
@@ -91,7 +97,7 @@ def table_of(source: Path, numbered: Sequence[NumberedLine]) -> tuple[Row, list[
     lines = _without_comments(numbered)
     if not lines:
         raise DatasetError(source, "is empty")
-    separator = separator_of(lines[0][1])
+    separator = _separator(lines[0][1])
     split = [(number, cells_of(source, number, line, separator)) for number, line in lines]
     count = len(split[0][1])
     for number, cells in split:
@@ -100,6 +106,12 @@ def table_of(source: Path, numbered: Sequence[NumberedLine]) -> tuple[Row, list[
             raise DatasetError(source, f"the line holds {len(cells)} cells: {rule}", number)
     header, *rows = [(number, (cells + [""] * count)[:count]) for number, cells in split]
     return header, rows
+
+
+def _separator(header: str) -> str:
+    """That of its cells: blanks where there is no other, but words for a position and what has it."""
+    found = separator_of(header)
+    return BLANK if found not in header and len(header.split()) >= _TITLES else found
 
 
 def _without_comments(lines: Sequence[NumberedLine]) -> list[NumberedLine]:
@@ -145,6 +157,8 @@ class PositionColumns:
         Standard deviations along x, y and z; empty if the file has none.
     name, index : int or None
         The columns of names and of numbers of images.
+    hemispheres : tuple of int or None
+        For each axis the column that tells its sign, if there is one.
     """
 
     axes: Sequence[Column]
@@ -152,6 +166,7 @@ class PositionColumns:
     sigmas: Sequence[Column]
     name: int | None
     index: int | None
+    hemispheres: tuple[int | None, ...] = (None, None, None)
 
     @classmethod
     def of(cls, headers: Sequence[str], *, numbered: bool) -> PositionColumns:
@@ -175,7 +190,8 @@ class PositionColumns:
         geodetic = latitude_first is not None
         units = (DEGREES, DEGREES, LENGTH) if geodetic else (LENGTH,) * 3
         axes = [_column(headers, place, unit) for place, unit in zip(places, units, strict=True)]
-        return cls(axes, geodetic, _sigma_columns(headers), name, index_of_first(titles, _INDEX))
+        hemispheres = hemisphere_places(titles) if geodetic else (None, None, None)
+        return cls(axes, geodetic, _sigma_columns(headers), name, index_of_first(titles, _INDEX), hemispheres)
 
     def position(self, source: Path, line: int, cells: Sequence[str]) -> Triple:
         """Read the position in a line.
@@ -183,12 +199,19 @@ class PositionColumns:
         Raises
         ------
         DatasetError
-            If a cell is no finite number, or a latitude or longitude is out of its range.
+            If a cell is no finite number, a latitude or longitude is out of its range, or a hemisphere is
+            none or contradicts its sign.
         """
-        x, y, z = _numbers(source, line, cells, self.axes)
+        x, y, z = (self._coordinate(source, line, cells, axis) for axis in range(3))
         if self.geodetic and not (abs(x) <= 90 and abs(y) <= 180):
             raise DatasetError(source, f"latitude {x:g}°, longitude {y:g}°: out of range, or swapped", line)
         return x, y, z
+
+    def _coordinate(self, source: Path, line: int, cells: Sequence[str], axis: int) -> float:
+        hemispheres = _HEMISPHERES[axis] if self.geodetic else ""
+        value = _number(source, line, cells[self.axes[axis].place], self.axes[axis], hemispheres)
+        place = self.hemispheres[axis]
+        return value if place is None else signed(source, line, axis, value, cells[place])
 
     def spread(self, source: Path, line: int, cells: Sequence[str]) -> Triple:
         """Read the standard deviations in a line.
@@ -214,9 +237,13 @@ def _numbers(source: Path, line: int, cells: Sequence[str], columns: Sequence[Co
     return x, y, z
 
 
-def _number(source: Path, line: int, cell: str, column: Column) -> float:
-    printed = number_of_exif_text(cell)
-    return finite_number(source, line, column.header, cell, column.factor) if printed is None else printed
+def _number(source: Path, line: int, cell: str, column: Column, hemispheres: str = "") -> float:
+    """A number, or a coordinate with its unit: an angle if there are `hemispheres`, else a height."""
+    printed = degrees_of_text(cell, hemispheres) if hemispheres else metres_of_text(cell)
+    other = f", or an angle with {' or '.join(hemispheres)}" if hemispheres else ""
+    return (
+        finite_number(source, line, column.header, cell, column.factor, other) if printed is None else printed
+    )
 
 
 def _sigma_columns(headers: Sequence[str]) -> list[Column]:

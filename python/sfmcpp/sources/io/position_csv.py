@@ -8,7 +8,9 @@ For example::
 or, in a metric frame of the user's own, ``name,x,y,z``. Units may stand in brackets, as ``height [ft]``; else
 they are degrees and metres. Standard deviations along the axes are in ``sigma_x,sigma_y,sigma_z``, or
 ``sigma_e,sigma_n,sigma_u``, or ``sigma_horizontal,sigma_vertical``. Other common names are known too.
-Tabs and semicolons separate as well, and then decimals may have commas. Lines that begin with ``#`` are
+Tabs and semicolons separate as well, and then decimals may have commas; so do blanks, where the header has
+none of these. Latitudes and longitudes may have their hemisphere (``46° 30' 36" N``, ``46.51 N``), or a
+column ``lat_ref``, ``lon_ref`` for it. Lines that begin with ``#`` are
 comments, but for a header: the last of them before the first other line.
 
 The ``geo.txt`` of OpenDroneMap is read, too: the name of the projection, then for each image ``name x y z``,
@@ -36,7 +38,13 @@ from sfmcpp.sources.io.position_columns import (
     spreads_by_look,
     table_of,
 )
-from sfmcpp.sources.io.receiver_tables import is_mrk, is_pos, positions_of_mrk, positions_of_pos
+from sfmcpp.sources.io.receiver_tables import (
+    is_mrk,
+    is_pos,
+    positions_of_mrk,
+    positions_of_pos,
+    require_table,
+)
 
 # Of a line of a geo.txt, without its name: x y z, three angles, two accuracies.
 _LIST_CELLS = (3, 6, 8)
@@ -68,6 +76,8 @@ def read_position_csv(path: str | PathLike[str], *, numbered: bool = False) -> N
     """
     source = Path(path)
     lines = list(numbered_lines(source))
+    if lines:
+        require_table(source, lines[0][1])
     if lines and names_projection(lines[0][1]):
         return _positions_of_list(source, lines)
     if lines and is_mrk(lines[0][1]):

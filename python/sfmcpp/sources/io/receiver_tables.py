@@ -40,6 +40,20 @@ _POS_SPREADS = ("sde(m)", "sdn(m)", "sdu(m)")
 _TIME_CELLS = 2
 _NO_FIX = 0
 
+# What the files of other programs begin with.
+_TRACKS = ("<?xml", "<gpx", "<kml", "$g")
+_JSON = "{"
+
+
+def require_table(source: Path, line: str) -> None:
+    """Raise a DatasetError if the first line of a file is that of a track of a receiver, or of JSON."""
+    beginning = line.lstrip().lower()
+    if beginning.startswith(_TRACKS):
+        advice = "`exiftool -geotag TRACK PHOTOS` gives photos their positions by time, and EXIF is read"
+        raise DatasetError(source, f"is a track (GPX, KML, NMEA), which does not name photos: {advice}")
+    if beginning.startswith(_JSON):
+        raise DatasetError(source, "is JSON: must be a table, such as name,lat,lon,height or name,x,y,z")
+
 
 def is_mrk(line: str) -> bool:
     """Whether a line is the first of a DJI's MRK."""

@@ -40,9 +40,11 @@ from sfmcpp.sources.io.csv_text import (
     with_decimal_points,
 )
 from sfmcpp.sources.io.cut_lines import emptied_if_zeros, without_cut_line
+from sfmcpp.sources.io.hemisphere_columns import hemisphere_places, with_hemispheres
 from sfmcpp.sources.io.iso_times import seconds_of_iso
 from sfmcpp.sources.io.missing_values import Line, without_missing
 from sfmcpp.sources.io.number_text import number_of
+from sfmcpp.sources.io.position_columns import normalised_header
 from sfmcpp.sources.io.sensor_columns import (
     ADVICE,
     GROUPS,
@@ -56,6 +58,7 @@ from sfmcpp.sources.io.sensor_columns import (
 
 UNIT_QUATERNION_TOLERANCE = 1e-2
 
+_GEODETIC = ("lat", "lon", "height")
 _LEFT_OUT = "-"  # a header that is the name of nothing
 
 # Beside the columns, the line of the file that each row stands on.
@@ -113,6 +116,9 @@ def read_sensor_csv(
     _name_unit_of_iso_times(headers, rows)
     constants = [column for column in asked if not _renamed(source, number, headers, column)]
     known = _columns(source, number, headers, [column.column.name for column in constants])
+    names = ["" if column is None else column.name for column in known]
+    coordinates = [names.index(name) if name in names else None for name in _GEODETIC]
+    rows = with_hemispheres(source, _titles(headers), coordinates, rows)
     cells, missing = _cells(source, known, rows, constants)
     try:
         streams = _streams(source, cells, missing, max_gap_s)
@@ -227,7 +233,12 @@ def _columns(path: Path, number: int, headers: list[str], constants: list[str]) 
 def left_out_columns(path: Path) -> list[str]:
     """Columns of a file, as its first line names them, that are not known by their name."""
     (_, headers), _ = _split(path)
-    return [column for column in headers if column and is_foreign(column)]
+    hemispheres = hemisphere_places(_titles(headers))
+    return [h for place, h in enumerate(headers) if h and is_foreign(h) and place not in hemispheres]
+
+
+def _titles(headers: list[str]) -> list[str]:
+    return [normalised_header(header) for header in headers]
 
 
 def _split(path: Path) -> tuple[Line, list[Line]]:

@@ -31,6 +31,8 @@ _LENS, _BODY_SERIAL = 0xA434, 0xA431
 STORED_SIZE = (0xA002, 0xA003)
 _PLANE_RESOLUTION, _PLANE_UNIT = (0xA20E, 0xA20F), 0xA210
 _LATITUDE, _LONGITUDE, _ALTITUDE, _STATUS = 2, 4, 6, 9
+# Below the sea, and in Exif 3.0 below the ellipsoid.
+_BELOW = (1, b"\x01", "1", 3, b"\x03", "3")
 # How a phone of Apple has made the image of several.
 _CUSTOM_RENDERED, _JOINED = 0xA401, 6
 
@@ -157,7 +159,7 @@ def _position_sigmas_m(packet: bytes) -> tuple[float, float, float] | None:
 def _height(gps: Tags) -> float:
     """Height [m]; not a number where it is missing."""
     height = _number(gps.get(_ALTITUDE))
-    below = gps.get(_ALTITUDE - 1) in (1, b"\x01", "1")
+    below = gps.get(_ALTITUDE - 1) in _BELOW
     return math.nan if height is None else -abs(height) if below else height
 
 

@@ -19,6 +19,7 @@ from sfmcpp.model.photos import Photo
 from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.checks import fault_of_image_name
 from sfmcpp.sources.io.files import failures_named, is_folder, is_regular_file, require_present
+from sfmcpp.sources.vision.equirectangular import shows_all_around
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
     GreyImage,
@@ -337,7 +338,7 @@ def _opened_photo(name: str, file: Path) -> Photo:
         digest=blake2b(data, digest_size=_DIGEST_BYTES, key=key).hexdigest(),
         position_sigmas_m=facts.position_sigmas_m,
         is_mirrored=facts.is_mirrored,
-        is_panorama=facts.is_panorama,
+        is_panorama=facts.is_panorama or shows_all_around(file, data, size),
         further_images=further,
     )
 

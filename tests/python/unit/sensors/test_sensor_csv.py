@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from sfmcpp.errors import DatasetError, InvalidArgument
 from sfmcpp.sensors import travelled_distance
-from sfmcpp.sources.io.sensor_csv import read_sensor_csv
+from sfmcpp.sources.io.sensor_csv import left_out_columns, read_sensor_csv
 
 
 def write(folder: Path, header: str, *lines: str) -> Path:
@@ -274,3 +274,15 @@ def test_own_names_that_cannot_be_are_refused(
     path = write(tmp_path, "Zeit,Wheel,t [s]", "1,2,3", "2,3,4")
     with pytest.raises((DatasetError, InvalidArgument), match=told):
         read_sensor_csv(path, columns=columns)
+
+
+def test_columns_of_hemispheres_give_latitudes_and_longitudes_their_sign(tmp_path: Path) -> None:
+    path = tmp_path / "gps.csv"
+    lines = ("0;46,5;S;9,25;E;12", "1;46,6;S;9,26;E;12", "2;;;;;", "3;-46,7;S;9,27;E;12")
+    path.write_text("t [s];lat [deg];N/S;lon [deg];E/W;height [m]\n" + "\n".join(lines) + "\n")
+    positions = read_sensor_csv(path)["geodetic"].values
+    assert positions.tolist() == [[-46.5, 9.25, 12.0], [-46.6, 9.26, 12.0], [-46.7, 9.27, 12.0]]
+    assert left_out_columns(path) == []
+    path.write_text("t [s],lat [deg],lat_ref,lon [deg],height [m]\n0,46,X,9,1\n1,46,N,9,1\n")
+    with pytest.raises(DatasetError, match=r"gps\.csv:2: the hemisphere is 'X': must be N or S"):
+        read_sensor_csv(path)

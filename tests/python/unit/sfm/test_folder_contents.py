@@ -5,7 +5,9 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.sfm import reconstruct
@@ -141,7 +143,41 @@ def test_panoramas_are_told_by_xmp(tmp_path: Path, packet: str) -> None:
     found = open_photos(tmp_path)
     assert [p.name for p in found.photos if p.is_panorama] == ["round.jpg", "round.png"]
     (told,) = warnings_of_folder(found)
-    assert told.startswith("2 photos are panoramas by EXIF or XMP, first round.jpg: no camera model fits")
+    assert told.startswith(
+        "2 photos are panoramas by EXIF, XMP or their borders, first round.jpg: no camera model fits"
+    )
+
+
+def seen_all_around(height: int, seed: int) -> NDArray[np.uint8]:
+    """Equirectangular image of waves in space on a sphere."""
+    random = np.random.default_rng(seed)
+    azimuth = (np.arange(2 * height) + 0.5) * np.pi / height
+    polar = (np.arange(height)[:, None] + 0.5) * np.pi / height
+    axes = (np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar) + 0 * azimuth)
+    waves = np.tensordot(random.normal(0, 6, (12, 3)), np.stack(axes), axes=1)
+    levels = 128 + 20 * np.sin(waves + np.arange(12)[:, None, None]).sum(axis=0)
+    return levels.clip(0, 255).astype(np.uint8)
+
+
+def test_panoramas_without_metadata_are_told_by_their_borders(tmp_path: Path) -> None:
+    from PIL import Image
+
+    around = seen_all_around(256, seed=1)
+    white = np.full((256, 512), 255, np.uint8)  # an object before a white wall
+    white[64:192, 128:384] = around[64:192, 128:384]
+    others = {
+        "half": around[:128, :256],
+        "between": around[50:206, 100:412],
+        "turned": around.T,
+        "white": white,
+        "sky": np.concatenate([np.full((128, 512), 200, np.uint8), around[64:192]]),
+        "tiny": seen_all_around(64, seed=2),
+    }
+    for name, pixels in ({"around": around} | others).items():
+        Image.fromarray(pixels).save(tmp_path / f"{name}.png")
+    Image.fromarray(np.roll(around, 150, axis=1)).save(tmp_path / "rolled.jpg", quality=85)
+    found = {photo.name for photo in open_photos(tmp_path).photos if photo.is_panorama}
+    assert found == {"around.png", "rolled.jpg"}
 
 
 def test_sweeps_of_phones_are_told_by_exif(tmp_path: Path) -> None:

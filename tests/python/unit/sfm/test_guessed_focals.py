@@ -52,3 +52,14 @@ def test_of_many_pairs_the_pixels_of_those_with_most_matches_are_collected(
     found = reconstruct(tracks_from(np.zeros(2)), shared_camera="one")
     general = [len(pair.verified) for pair in found.graph.pairs if pair.geometry.kind == "general"]
     assert told == sorted(general, reverse=True)[:3]
+
+
+@pytest.mark.parametrize(("count", "is_told"), [(2, True), (3, True), (4, False)])
+def test_a_focal_length_that_few_images_tell_is_warned_of(count: int, is_told: bool) -> None:
+    image, track, pixels = views_of_cloud(SIZE, NOISE_PX)
+    few = image < count
+    run = reconstruct(image_tracks(image[few], track[few], pixels[few], sizes=[SIZE] * count, centred=False))
+    assert run.num_registered == count
+    focal_px = run.models[0].intrinsics[0, 0]
+    told = f"one camera is only what pairs of images tell, first {focal_px:.0f} px: too few images to adjust"
+    assert any(told in warning for warning in run.warnings) == is_told

@@ -173,11 +173,17 @@ def _others_there(folder: Path, names: tuple[str, ...]) -> str:
     return f" (and has {', '.join(there)}, which go with files of their own kind alone)" if there else ""
 
 
+# Where COLMAP's automatic reconstruction, and nerfstudio, put models within the folder of a project.
+_WAYS_TO_MODELS = ("sparse", "colmap/sparse")
+
+
 def _models_inside(folder: Path) -> str:
     """A hint at the models in folders of this one: `model` of a reconstruction, `0` and so on of COLMAP's."""
+    places = [folder, *(place for way in _WAYS_TO_MODELS if is_folder(place := folder / way))]
     found = [
         str(inner)
-        for inner in sorted(folder.iterdir())
+        for place in places
+        for inner in sorted(place.iterdir())
         if any(all(is_present(inner / name) for name in kind.names) for kind in _KINDS)
     ]
     return "; " + (f"{found[0]} is one" if len(found) == 1 else f"{', '.join(found)} are") if found else ""

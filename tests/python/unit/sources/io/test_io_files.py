@@ -136,6 +136,18 @@ def test_impossible_targets_are_refused(tmp_path: Path, problem: Problem, name: 
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.parametrize("way", ["0", "sparse/0", "colmap/sparse/0"])
+def test_who_gives_the_folder_of_a_project_is_told_where_its_model_is(
+    way: str, tmp_path: Path, problem: Problem
+) -> None:
+    for folder in ("images", "sparse"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / way).parent.mkdir(parents=True, exist_ok=True)
+    write(problem, tmp_path / way)
+    with pytest.raises(DatasetError, match=f"without a COLMAP model: .*; {tmp_path / way} is one$"):
+        read(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("name", "reason"),
     [

@@ -46,6 +46,29 @@ def test_utf_16_of_spreadsheets_is_refused_by_name(tmp_path: Path, encoding: str
         read_position_csv(path)
 
 
+def test_blanks_separate_where_the_header_has_nothing_else(tmp_path: Path) -> None:
+    text = 'name  lat lon\u00a0 height\n  "a b.jpg" 1   2 3\nb.jpg 4 5 6\n'
+    found = read_position_csv(written(tmp_path, text))
+    assert found.geodetic
+    assert found.positions == {"a b.jpg": (1.0, 2.0, 3.0), "b.jpg": (4.0, 5.0, 6.0)}
+
+
+@pytest.mark.parametrize(
+    ("beginning", "reason"),
+    [
+        ('<?xml version="1.0"?>\n<gpx version="1.1"/>\n', "is a track .GPX, KML, NMEA.* `exiftool -geotag"),
+        ("$GPGGA,100000.00,4630.0,N,00730.0,E,4,12,0.8,500.0,M,48.0,M,,*5B\n", "is a track .GPX, KML, NMEA"),
+        ('{"type": "FeatureCollection", "features": []}\n', "is JSON: must be a table, such as name,lat"),
+        ("a.jpg 600000 5150000 500\nb.jpg 600010 5150000 500\n", ":1: the first line holds numbers .*header"),
+    ],
+)
+def test_files_of_positions_that_are_no_tables_are_told_as_what_they_are(
+    tmp_path: Path, beginning: str, reason: str
+) -> None:
+    with pytest.raises(DatasetError, match=reason):
+        read_position_csv(written(tmp_path, beginning))
+
+
 def test_lines_of_old_macs_end_with_cr(tmp_path: Path) -> None:
     path = written(tmp_path, "")
     path.write_bytes(b"name,x,y,z\ra,1,2,3\rb,4,5,6\r")
@@ -146,6 +169,48 @@ def test_positions_are_read_as_exiftool_prints_them(
 
 
 @pytest.mark.parametrize(
+    ("latitude", "longitude", "position"),
+    [
+        ("46.51 S", "9.25 East", (-46.51, 9.25, 2.0)),
+        ("S46.51", "E 9.25°", (-46.51, 9.25, 2.0)),
+        ("46°30'36''N", "0°0′36″W", (46.51, -0.01, 2.0)),
+        ("46° 30.6' N", "009° 15.0' E", (46.51, 9.25, 2.0)),
+    ],
+)
+def test_angles_with_their_hemisphere_are_read_as_people_write_them(
+    tmp_path: Path, latitude: str, longitude: str, position: Triple
+) -> None:
+    found = read_position_csv(written(tmp_path, f"name;lat;lon;alt\na;{latitude};{longitude};2\n"))
+    assert found.positions["a"] == pytest.approx(position, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "position"),
+    [
+        ("GPSLatitudeRef,GPSLatitude,GPSLongitudeRef,GPSLongitude", "South,46.5,West,9.25", (-46.5, -9.25)),
+        ("lat,N/S,lon,E/W", "46.5,s,9.25,E", (-46.5, 9.25)),
+        ("Latitude,Latitude Direction,lng,lng_hemisphere", "46.5,N,9.25,W", (46.5, -9.25)),
+        ("lat,lat_ref,lon,lon_ref", "-46.5,S,-9.25,W", (-46.5, -9.25)),
+        ("lat,lat_ref,lon,lon_ref", "46.5,-46.0,9.25,-9.0", (46.5, 9.25)),
+    ],
+)
+def test_columns_of_hemispheres_give_coordinates_their_sign(
+    tmp_path: Path, head: str, cells: str, position: tuple[float, float]
+) -> None:
+    found = read_position_csv(written(tmp_path, f"name,{head},alt\na,{cells},3\n"))
+    assert found.positions == {"a": (*position, 3.0)}
+
+
+@pytest.mark.parametrize(
+    ("cell", "height"),
+    [("0", 12.0), ("1", -12.0), ("Below Sea Level", -12.0), ("Above Sea Level", 12.0), ("", 12.0)],
+)
+def test_a_column_tells_heights_below_the_sea(tmp_path: Path, cell: str, height: float) -> None:
+    text = f"SourceFile,GPSLatitude,GPSLongitude,GPSAltitude,GPSAltitudeRef\na,31.5,35.5,12,{cell}\n"
+    assert read_position_csv(written(tmp_path, text)).positions == {"a": (31.5, 35.5, height)}
+
+
+@pytest.mark.parametrize(
     ("text", "position", "sigmas"),
     [
         ("SourceFile,GPSLatitude,GPSLongitude,GPSAltitude\na,1,2,3\n", (1.0, 2.0, 3.0), None),
@@ -228,6 +293,10 @@ def test_columns_that_seem_to_be_deviations_are_told_where_none_are_read(
         ("name,lat,lon\na,1,2\n", 1, "must have name and lat, lon, height"),
         ("name,lat,lon,alt\na,1,2,3\nb,1,x,3\n", 3, "lon is 'x': must be a finite number"),
         ("name;lat;lon;alt\na;46 deg 30' 36\";9;1\n", 2, "must be a finite number"),
+        ("name,lat,lon,alt\na,7 deg 0' 1\" E,46 deg 0' 1\" N,9\n", 2, "or an angle with N or S"),
+        ("name;lat;lon;alt\na;46 deg 60' 36\" N;9;1\n", 2, "must be a finite number"),
+        ("name,lat,lat_ref,lon,alt\na,-46,N,9,1\n", 2, "-46 is negative, and its hemisphere 'N'"),
+        ("name,lat,lon,lon_ref,alt\na,46,9,,1\n", 2, "the hemisphere is '': must be E or W"),
         ("name,lat,lon,alt\na,4_6,2,1\n", 2, "lat is '4_6': must be a finite number"),
         ("name,lat,lon,alt\na,1,2,inf\n", 2, "alt is 'inf': must be a finite number"),
         ("name,lat,lon,alt\na,100,2,3\n", 2, "out of range, or swapped"),
