@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sfmcpp.ba import LinearModel
 from sfmcpp.ba.doubtful_input import short_focal
 from sfmcpp.doctor.case import Case, image_sizes_px
-from sfmcpp.doctor.finding import Finding, counted, numbers
+from sfmcpp.doctor.finding import Finding, numbers
 from sfmcpp.doctor.trial import (
     Trial,
     adjusted,
@@ -27,6 +27,7 @@ from sfmcpp.geometry.significance import mad_sigma
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray, IndexArray, largest_of_each
 from sfmcpp.model.camera_models import PERSPECTIVE
+from sfmcpp.wording import counted
 
 # Larger errors do not come from a lens that is merely simplified (no distortion, a centred principal point).
 FOCAL_OFF, CENTRE_OFF = 0.1, 0.1

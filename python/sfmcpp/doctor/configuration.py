@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
 from sfmcpp.doctor.conventions import better_at_start
-from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
+from sfmcpp.doctor.finding import Finding, named_points, numbers
 from sfmcpp.geometry.pinhole import (
     PINHOLE,
     homogeneous,
@@ -22,6 +22,7 @@ from sfmcpp.geometry.point_tests import triangulation_angles_deg
 from sfmcpp.geometry.rotation_fit import angles_rad, fit_rotation
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.wording import counted
 
 # Pairs of cameras whose rays are compared, and matches that a pair needs: a rotation takes two.
 _PAIRS, _MATCHES = 40, 10

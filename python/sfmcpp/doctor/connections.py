@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
+from sfmcpp.doctor.finding import Finding, named_points, numbers
 from sfmcpp.model import ConstraintGroup, Problem, ResidualGroup, Rigs, constraint_kind
 from sfmcpp.model.arrays import IndexArray
 from sfmcpp.model.residual_group import Group
+from sfmcpp.wording import counted, first_few
 
 # Three points determine a similarity, or a pose; one wrong among k is told from the others if the k − 1 that
 # are left still have one to spare: k = 3 + 2.
@@ -99,7 +100,7 @@ def _separate_parts(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
         return
     others = numbers(np.flatnonzero(labels > 0))
     sizes = np.bincount(labels[labels >= 0])
-    listed = ", ".join(f"{n:,}" for n in sizes[:6]) + ", …" * (len(sizes) > 6)
+    listed = first_few([f"{n:,}" for n in sizes], 6)
     yield Finding(
         "disconnected-parts",
         "warning",

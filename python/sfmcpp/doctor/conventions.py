@@ -9,13 +9,14 @@ import numpy as np
 
 from sfmcpp import _core
 from sfmcpp.doctor.case import Case, extent_px, image_sizes_px
-from sfmcpp.doctor.finding import Finding, counted, numbers
+from sfmcpp.doctor.finding import Finding, numbers
 from sfmcpp.doctor.trial import adjusted
 from sfmcpp.geometry.pinhole import pinhole_rows
 from sfmcpp.geometry.point_tests import depths, reprojection_errors_px
 from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.wording import counted
 
 # A convention is said to be another if the median error falls to half with it: a start away from the truth is
 # as far away under the right convention as under any other, and its errors come on top.

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case, observation_keys
-from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
+from sfmcpp.doctor.finding import Finding, named_points, numbers
 from sfmcpp.model import Problem
+from sfmcpp.wording import counted
 
 # Copies of a share s of the points make standard deviations smaller by s / 2. Features with two orientations
 # make 3 to 5 % of the points of sets of good repute copies (BAL's Ladybug, Bundler's own example).

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.model import Problem
+from sfmcpp.wording import counted, first_few
 
 SEVERITIES = ("error", "warning", "note")
 
@@ -109,17 +110,12 @@ def numbers(indices: NDArray[np.integer]) -> tuple[int, ...]:
     return tuple(int(k) for k in indices)
 
 
-def counted(count: int, what: str) -> str:
-    """Count some things: "1 camera", "1,200 points"."""
-    return f"{count:,} {what}{'s' * (count != 1)}"
-
-
 def named(what: str, indices: Sequence[int], name: Callable[[int], str] = str) -> str:
     """Name some things: "camera 3", "cameras 3, 7", "120 cameras: 3, 7, 9, 12, 15, …"."""
-    listed = ", ".join(name(k) for k in indices[:_NAMED])
-    if len(indices) == 1:
-        return f"{what} {listed}"
-    return f"{what}s {listed}" if len(indices) <= _NAMED else f"{counted(len(indices), what)}: {listed}, …"
+    listed = first_few([name(k) for k in indices], _NAMED)
+    if len(indices) > _NAMED:
+        return f"{counted(len(indices), what)}: {listed}"
+    return f"{what if len(indices) == 1 else what + 's'} {listed}"
 
 
 def named_points(problem: Problem, points: Sequence[int]) -> str:

@@ -8,12 +8,13 @@ import numpy as np
 
 from sfmcpp.ba import LinearModel, linearize
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted
+from sfmcpp.doctor.finding import Finding
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model import ConstraintGroup, Problem, Rigs
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.wording import counted
 
 FREEDOMS = ("rotation x", "rotation y", "rotation z", "shift x", "shift y", "shift z", "scale")
 _SCALE = FREEDOMS.index("scale")

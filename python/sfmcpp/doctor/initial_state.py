@@ -8,9 +8,10 @@ import numpy as np
 
 from sfmcpp.ba.check import observations_without_image
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted, named_points, numbers
+from sfmcpp.doctor.finding import Finding, named_points, numbers
 from sfmcpp.geometry.point_tests import reprojection_errors_px
 from sfmcpp.model import Problem
+from sfmcpp.wording import counted
 
 # Tens of pixels (of σ where observations are in no pixels), and of what an adjustment leaves.
 _FAR_PX, _TIMES = 20.0, 10.0

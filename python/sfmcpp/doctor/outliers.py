@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
-from sfmcpp.doctor.finding import Finding, counted, numbers
+from sfmcpp.doctor.finding import Finding, numbers
 from sfmcpp.doctor.trial import GROSS, NOTABLE_SHARE, Trial, redundancy
 from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray
+from sfmcpp.wording import counted
 
 # Between this and its inverse a stated σ is a good one: keypoints of one kind scatter by so different σ.
 _SIGMA_OFF = 2.0

@@ -23,6 +23,7 @@ from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sfm.match_graph import Pair
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.weighting import solve
+from sfmcpp.wording import counted, first_few
 
 _F = PERSPECTIVE.index("f")
 # Of fewer images, noise moves the focal lengths about.
@@ -115,15 +116,11 @@ def _warning(world: Map, found: _OwnFocals, torn: NDArray[np.intp]) -> str:
     if not len(far):
         return ""
     far = far[np.argsort(-np.abs(logs[far]), kind="stable")]
-    few = ", ".join(
-        f"{world.image_names[found.images[k]]} ({found.shares[k]:.2f} of the median)"
-        for k in far[:_MOST_NAMED]
-    )
-    photos = "1 photo seems" if len(far) == 1 else f"{len(far)} photos seem"
-    more = ", …" if len(far) > _MOST_NAMED else ""
+    named = [f"{world.image_names[found.images[k]]} ({found.shares[k]:.2f} of the median)" for k in far]
+    photos, few = counted(len(far), "photo seems", "photos seem"), first_few(named, _MOST_NAMED)
     return (
         f"{photos} to differ in focal length from others that share the camera, as after a digital zoom or a "
-        f"crop: {few}{more}; {remedy}"
+        f"crop: {few}; {remedy}"
     )
 
 

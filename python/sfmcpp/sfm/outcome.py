@@ -21,6 +21,7 @@ from sfmcpp.sfm.still_features import stands_still
 from sfmcpp.sfm.zoomed_images import zoom_warnings
 from sfmcpp.sources.vision.images import jpeg_of_foreign, photos_of_video
 from sfmcpp.sources.vision.photos import PhotoFolder
+from sfmcpp.wording import counted, first_few
 
 # How the warning begins that says why there is no model.
 NO_MODEL = "no model: "
@@ -101,14 +102,13 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
     """
     warnings = warnings_of_copies(folder.copies, "byte for byte")
     if folder.videos:
-        videos = "1 video is" if len(folder.videos) == 1 else f"{len(folder.videos)} videos are"
-        names = ", ".join(folder.videos[:_MOST_NAMED])
+        videos = counted(len(folder.videos), "video is", "videos are")
+        names = first_few(folder.videos, _MOST_NAMED)
         warnings.append(f"{videos} not read: {names}; {photos_of_video(folder.videos[0])}")
     if folder.foreign:
-        count = len(folder.foreign)
-        photos = "1 photo is of a kind" if count == 1 else f"{count} photos are of kinds"
-        advice = jpeg_of_foreign(folder.foreign[0])
-        warnings.append(f"{photos} not read here, and left out: {_few(folder.foreign)}; {advice}")
+        photos = counted(len(folder.foreign), "photo is of a kind", "photos are of kinds")
+        few, advice = first_few(folder.foreign, _MOST_NAMED), jpeg_of_foreign(folder.foreign[0])
+        warnings.append(f"{photos} not read here, and left out: {few}; {advice}")
     warnings += _warnings_of_mirrored([photo.name for photo in folder.photos if photo.is_mirrored])
     warnings += _warnings_of_panoramas([photo.name for photo in folder.photos if photo.is_panorama])
     return warnings + _warnings_of_further_images(folder.photos)
@@ -117,7 +117,7 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
 def _warnings_of_mirrored(names: Sequence[str]) -> list[str]:
     if not names:
         return []
-    photos = "1 photo asks" if len(names) == 1 else f"{len(names)} photos ask"
+    photos = counted(len(names), "photo asks", "photos ask")
     return [
         f"{photos} by EXIF to be shown mirrored, first {names[0]}; pixels are used as they are stored: if "
         "these are mirrored, the model is a mirror image or lacks them; `mogrify -auto-orient` mends them"
@@ -127,7 +127,7 @@ def _warnings_of_mirrored(names: Sequence[str]) -> list[str]:
 def _warnings_of_panoramas(names: Sequence[str]) -> list[str]:
     if not names:
         return []
-    photos = "1 photo is a panorama" if len(names) == 1 else f"{len(names)} photos are panoramas"
+    photos = counted(len(names), "photo is a panorama", "photos are panoramas")
     return [
         f"{photos} by EXIF, XMP or their borders, first {names[0]}: no camera model fits, and the model may "
         "be wrong; leave them out, or cut views from those that show all around: `ffmpeg -i IN -vf "
@@ -139,10 +139,10 @@ def _warnings_of_further_images(photos: Sequence[Photo]) -> list[str]:
     several = [f"{photo.name} ({photo.further_images} more)" for photo in photos if photo.further_images]
     if not several:
         return []
-    files = "1 file holds" if len(several) == 1 else f"{len(several)} files hold"
+    files, few = counted(len(several), "file holds", "files hold"), first_few(several, _MOST_NAMED)
     return [
-        f"{files} more than one image, and only the first is used: {_few(several)}; save the others as files "
-        "of their own"
+        f"{files} more than one image, and only the first is used: {few}; save the others as files of their "
+        "own"
     ]
 
 
@@ -150,14 +150,9 @@ def warnings_of_copies(copies: Mapping[str, str], how: str) -> list[str]:
     """Name what was left out as a copy of another photo; nothing if nothing was."""
     if not copies:
         return []
-    few = _few([f"{name} of {first}" for name, first in copies.items()])
-    images = "1 image is a copy" if len(copies) == 1 else f"{len(copies)} images are copies"
+    few = first_few([f"{name} of {first}" for name, first in copies.items()], _MOST_NAMED)
+    images = counted(len(copies), "image is a copy", "images are copies")
     return [f"{images}, {how}, and left out: {few}"]
-
-
-def _few(names: Sequence[str]) -> str:
-    """The first of some names, and whether there are more."""
-    return ", ".join(names[:_MOST_NAMED]) + (", …" if len(names) > _MOST_NAMED else "")
 
 
 def warnings_of(

@@ -24,6 +24,7 @@ from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.rounded_positions import doubt_of_rounding
 from sfmcpp.sfm.turns_about_lines import OPEN_DEG, turn_sigmas_deg, turn_warning
 from sfmcpp.weighting.conflict import OUTLIER_SIGMAS
+from sfmcpp.wording import counted, first_few
 
 # Below it a coordinate counts as not checked; Förstner's usual bound.
 _LEAST_REDUNDANCY = 0.1
@@ -354,9 +355,8 @@ def disagreement_warning(wrong: list[str], count: int) -> list[str]:
     """Name the positions that were left out, of `count`; many of them put all in doubt."""
     if not wrong:
         return []
-    count_text = "1 position disagrees" if len(wrong) == 1 else f"{len(wrong)} positions disagree"
-    names = f"{', '.join(wrong[:_NAMED])}{', …' * (len(wrong) > _NAMED)}"
+    positions = counted(len(wrong), "position disagrees", "positions disagree")
     doubt = ""
     if len(wrong) >= _MANY and len(wrong) > _GREAT_PART * count:
         doubt = f"; {_DOUBTFUL.format(count)}"
-    return [f"{count_text} with the images: left out {names}{doubt}"]
+    return [f"{positions} with the images: left out {first_few(wrong, _NAMED)}{doubt}"]

@@ -30,6 +30,7 @@ from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import WorldMap
 from sfmcpp.sources.drives import Drive, open_drive
 from sfmcpp.sources.frames import FrameSource
+from sfmcpp.wording import counted, first_few
 
 # A standard deviation, that of an odometer with a share of the distance; None: estimated.
 _Sigma = float | tuple[float, float] | None
@@ -246,19 +247,17 @@ def _losses(frames: FrameSource) -> Iterator[str]:
     if frames.shortfall is not None:
         yield f"the video is cut short or damaged: {frames.shortfall}"
     if lost := frames.unreadable:
-        named = [f"{name}: {reason}" for name, reason in list(lost.items())[:_NAMED]]
-        more = ", …" if len(lost) > _NAMED else ""
-        count = "1 image is" if len(lost) == 1 else f"{len(lost)} images are"
-        yield f"{count} left out, as if lost by the camera: {', '.join(named)}{more}"
+        named = first_few([f"{name}: {reason}" for name, reason in lost.items()], _NAMED)
+        images = counted(len(lost), "image is", "images are")
+        yield f"{images} left out, as if lost by the camera: {named}"
 
 
 def _repeats(frames: FrameSource) -> Iterator[str]:
     """Name frames that show the image before once more: a recorder that hangs, or a doubled frame rate."""
     if named := stretches(frames.repeated, near=1):
-        more = ", …" if len(named) > _NAMED else ""
-        where = f"at {', '.join(named[:_NAMED])}{more}"
-        count = "1 frame repeats" if len(frames.repeated) == 1 else f"{len(frames.repeated)} frames repeat"
-        yield f"{count} the image before to the last bit, {where}: poses are wrong if the camera moved"
+        count = counted(len(frames.repeated), "frame repeats", "frames repeat")
+        where = first_few(named, _NAMED)
+        yield f"{count} the image before to the last bit, at {where}: poses are wrong if the camera moved"
 
 
 def _require_known(opening: Mapping[str, Any]) -> None:

@@ -26,6 +26,7 @@ from sfmcpp.sources.stereo_pair import StereoPair
 from sfmcpp.sources.vision import Frames, KltSettings
 from sfmcpp.sources.vision.images import GreyImage
 from sfmcpp.sources.vision.klt import find_corners
+from sfmcpp.wording import counted, first_few
 
 # Farthest from its epipolar line, and behind infinity by its disparity, that a corner may be found [px]. Of
 # rendered pairs 98 % are within 0.5 px; calibrations are off by some tenths.
@@ -226,11 +227,11 @@ class RightImages:
                 f"the cameras: left and right were not taken at one time; {left_out}"
             )
         if alone := tally.alone:
-            frames = "1 frame is" if len(alone) == 1 else f"{len(alone)} frames are"
+            frames = counted(len(alone), "frame is", "frames are")
             yield f"{frames} without a right image, the first {self._name_of_left(alone[0])}"
         if lost := self.images.unreadable:
-            named = [f"{name}: {reason}" for name, reason in list(lost.items())[:_NAMED]]
-            yield f"right images cannot be read: {', '.join(named)}{', …' * (len(lost) > _NAMED)}"
+            named = first_few([f"{name}: {reason}" for name, reason in lost.items()], _NAMED)
+            yield f"right images cannot be read: {named}"
         if tally.frames and tally.found < _FEW_SHARE * tally.corners:
             share = f"{tally.found / tally.corners:.1%}"
             yield f"right images show only {share} of the corners of left ones: they may be of another scene"

@@ -30,7 +30,7 @@ CPP_HOME_OF_HEADER = {"pybind11": "bindings", "Python.h": "bindings"}
 
 # Each level may import every level before it; neighbours on one level do not import each other.
 PYTHON_LEVELS: list[set[str]] = [
-    {"_core", "errors"},
+    {"_core", "errors", "wording"},
     {"model"},
     {"geometry"},
     {"sensors"},

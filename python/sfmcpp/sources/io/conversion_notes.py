@@ -13,6 +13,7 @@ from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import has_distortion, has_square_pixels, pixels_without_inverse
 from sfmcpp.sources.io.views import UNREGISTERED
+from sfmcpp.wording import counted, first_few
 
 _MOST_NAMES = 3
 UNCERTAINTIES = "uncertainties of observations"
@@ -27,8 +28,8 @@ def left_out_on_reading(problem: Problem) -> Iterator[str]:
             "once: a COLMAP model that is written has them, a solve has not"
         )
     if count := _extras(problem, UNREGISTERED):
-        listed = ", ".join(problem.metadata.extra[UNREGISTERED][:_MOST_NAMES])
-        yield f"{count:,} images without a pose are left out: {listed}{', …' * (count > _MOST_NAMES)}"
+        images = counted(count, "image without a pose is", "images without a pose are")
+        yield f"{images} left out: {first_few(problem.metadata.extra[UNREGISTERED], _MOST_NAMES)}"
 
 
 def left_out_on_writing(problem: Problem, format: Format) -> list[str]:
