@@ -12,8 +12,9 @@ from sfmcpp.model.arrays import FloatArray, IndexArray
 from sfmcpp.model.selection import observing_cameras
 from sfmcpp.sfm.fit_statistics import pixel_variance
 
-# Of the largest, they take a second.
+# Of the largest, they take a second or two.
 _MOST_IMAGES = 1000
+_MOST_CAMERAS = 150
 _MOST_OBSERVATIONS = 1_000_000
 
 
@@ -35,6 +36,8 @@ def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:
     """
     count = problem.num_observations
     if not (2 <= problem.num_cameras <= _MOST_IMAGES and 0 < count <= _MOST_OBSERVATIONS):
+        return None
+    if len(problem.intrinsics) > _MOST_CAMERAS:
         return None
     try:
         model = linearize(problem, gauge="fixed")
