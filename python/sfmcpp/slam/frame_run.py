@@ -132,25 +132,29 @@ class _Passes:
 def _repeated_with_corrections(slam: Slam, source: FrameSource, passes: _Passes) -> Slam:
     """The run once more with corrected sensors, if it has found anything wrong; twice after a wrong mounting.
 
-    That is kept if it finds nothing wrong any more; otherwise the images were wrong, as on a motorway.
+    That is kept if it finds nothing wrong any more; otherwise the images were wrong, as on a motorway. But no
+    images turn all directions of travel: a run with a wrong mounting is never kept beside one without.
     """
-    latest, sensors = slam, slam.in_hindsight() if slam.settings.hindsight else None
-    warnings = list(slam.result.warnings)
+    kept, sensors = slam, slam.in_hindsight() if slam.settings.hindsight else None
     for _ in range(_MOST_RESTARTS):
         if sensors is None:
             break
         again = Slam(source.intrinsics, slam.settings, sensors)
         if not passes.take(again) or again.result.world is None:
-            return slam
+            return kept
         sensors = again.in_hindsight()
-        if sensors is None:
-            # Its own warnings are of samples that the corrections took away.
-            again.result.warnings = [*warnings, "the run was begun again without what was wrong"]
-            return again
-        if not latest.has_wrong_mounting:
+        if sensors is not None and not kept.has_wrong_mounting:
             break
-        latest = again
-        warnings += [told for told in again.result.warnings if told not in warnings]
+        again.result.warnings = _warnings_of_both(kept, again if sensors is not None else None)
+        kept = again
     if sensors is not None:
-        slam.result.warnings.append("a run without what was wrong found more, and was not kept")
-    return slam
+        kept.result.warnings.append("a run without what was wrong found more, and was not kept")
+    return kept
+
+
+def _warnings_of_both(first: Slam, again: Slam | None) -> list[str]:
+    """Those of a run and of the next; if that found nothing, its own are of samples that corrections left."""
+    begun = "the run was begun again without what was wrong"
+    told = [warning for warning in first.result.warnings if warning != begun]
+    more = [warning for warning in again.result.warnings if warning not in told] if again else []
+    return [*told, *more, begun]
