@@ -222,7 +222,7 @@ def test_a_frame_between_keyframes_follows_sensors_only_where_they_declare(
     np.testing.assert_allclose(told, expected, atol=1e-4)
 
 
-def test_what_shaken_rates_may_be_off_judges_a_conflict_and_is_no_weight() -> None:
+def test_what_shaken_rates_may_be_off_judges_a_conflict_and_a_quarter_bounds_the_weight() -> None:
     shaken = np.random.default_rng(0).normal(0, 0.02, (41, 3))
     mounting = Mounting(np.eye(3), np.zeros(3))
     strict, lax = (
@@ -231,7 +231,8 @@ def test_what_shaken_rates_may_be_off_judges_a_conflict_and_is_no_weight() -> No
     )
     assert strict is not None
     assert lax is not None
-    assert (strict.slack, lax.sigma) == (0.0, strict.sigma)
+    assert (strict.slack, strict.sigma) == (0.0, 0.001)
+    assert lax.sigma == pytest.approx(0.25 * lax.slack)
     # Forty steps of a tenth of a second.
     assert lax.slack == pytest.approx(0.1 * 0.02 * np.sqrt(40), rel=0.3)
     assert pose_constraint(lax, PREVIOUS).slack == lax.slack
