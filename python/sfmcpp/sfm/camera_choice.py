@@ -17,7 +17,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import agreeing_pairs, fit_similarity
 from sfmcpp.map import Map
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import FloatArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sensors.gps import LEAST_POSITIONS
 from sfmcpp.sfm.adjustment import FINE, adjusted
@@ -98,7 +98,7 @@ def choose_camera_model(
         poses[local.images] = local.problem.cameras
         moved = _position_rms(poses, positions, settings)
         is_worth_it = cost < (1 - step.worth) * best and moved <= _BENT * apart
-        if is_worth_it and _is_determined(local.problem, step):
+        if is_worth_it and _is_determined(local.problem, estimated, step):
             world.take(local)
             world.fixed_intrinsics[local.cameras] = freed
             name, best, apart = step.model or name, cost, moved
@@ -106,14 +106,14 @@ def choose_camera_model(
         world.camera_names[camera] = name.upper().replace("-", "_")
 
 
-def _is_determined(problem: Problem, step: _Step) -> bool:
-    """Whether the images tell what a step has freed, and the focal length beside it."""
+def _is_determined(problem: Problem, cameras: BoolArray, step: _Step) -> bool:
+    """Whether the images tell what a step has freed of `cameras` (G,), and the focal length beside it."""
     if np.isinf(step.most_sigma):
         return True
     sigmas = sigmas_of_intrinsics(problem)
     if sigmas is None:
         return False
-    focals = problem.intrinsics[:, _FOCAL]
+    focals, sigmas = problem.intrinsics[cameras, _FOCAL], sigmas[cameras]
     shares = [sigmas[:, PERSPECTIVE.index(name)] / focals for name in ("f", "cx", "cy")]
     return bool(np.max([*shares, sigmas[:, _ASPECT]]) <= step.most_sigma)
 
