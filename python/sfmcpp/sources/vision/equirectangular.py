@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.errors import DatasetError
+from sfmcpp.sources.vision.images import load_pillow
 from sfmcpp.sources.vision.photo_pixels import decoded, opened_image
 
 # Compared at this height [px]; less tells nothing.
@@ -41,14 +42,10 @@ def shows_all_around(file: Path, data: bytes, size: tuple[int, int]) -> bool:
 
 def _levels(file: Path, image: Any, size: tuple[int, int]) -> NDArray[np.float64]:
     """Grey levels at a size; the mean of what a pixel covers, so that noise does not count."""
-    pixels = np.asarray(decoded(file, image), dtype=np.float64)
+    pixels = np.asarray(decoded(file, image), dtype=np.float32)
     grey = pixels if pixels.ndim == 2 else pixels.mean(axis=2)
-    rows, columns = (
-        np.linspace(0, n, k, endpoint=False).astype(int) for n, k in zip(grey.shape, size[::-1], strict=True)
-    )
-    sums = np.add.reduceat(np.add.reduceat(grey, rows, axis=0), columns, axis=1)
-    counts = np.outer(np.diff(rows, append=grey.shape[0]), np.diff(columns, append=grey.shape[1]))
-    return np.asarray(sums / counts)
+    pillow = load_pillow()
+    return np.asarray(pillow.fromarray(grey).resize(size, pillow.Resampling.BOX), dtype=np.float64)
 
 
 def is_closed_around(grey: NDArray[np.float64]) -> bool:
