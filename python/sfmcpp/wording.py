@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
+from itertools import islice
 
 
 def counted(count: int, one: str, many: str | None = None) -> str:
@@ -10,6 +11,7 @@ def counted(count: int, one: str, many: str | None = None) -> str:
     return f"{count:,} {one if count == 1 else many or one + 's'}"
 
 
-def first_few(names: Sequence[str], most: int) -> str:
-    """The first of some names, and whether there are more: "a, b, …"."""
-    return ", ".join(names[:most]) + (", …" if len(names) > most else "")
+def first_few(names: Iterable[str], most: int) -> str:
+    """The first of some names, and whether there are more: "a, b, …"; no others are asked for."""
+    few = list(islice(names, most + 1))
+    return ", ".join(few[:most]) + (", …" if len(few) > most else "")

@@ -181,7 +181,7 @@ def _with_cameras(text: str, model: ColumnsOfCameras) -> str:
         camera, parameter = np.argwhere(model.camera_columns == int(column[1]))[0].tolist()
         return f"camera {camera}, {model.parameter_names[parameter]}: {text[column.end() :]}"
     if _SINGULAR in text and (weak := _undetermined_cameras(model)):
-        shown = first_few([str(camera) for camera in weak], _MOST_NAMED)
+        shown = first_few(map(str, weak), _MOST_NAMED)
         number = "cameras" if len(weak) > 1 else "camera"
         return f"{text}; {number} {shown} would be undetermined even if all points were known"
     return text

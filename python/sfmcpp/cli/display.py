@@ -22,6 +22,7 @@ from sfmcpp.cli.console import print_result, progress_is_seen, stderr_console
 from sfmcpp.cli.targets import Targets
 from sfmcpp.model.process_state import peak_memory_bytes
 from sfmcpp.model.threads import Progress, no_progress
+from sfmcpp.wording import counted
 
 ROWS = 8
 _PREDICTED = "predicted for a step"
@@ -101,7 +102,7 @@ def _result(summary: Summary) -> Iterator[Row]:
 
 
 def _method_text(summary: Summary, seconds_read: float) -> Iterator[Row]:
-    threads = "1 thread" if summary.threads == 1 else f"{summary.threads} threads"
+    threads = counted(summary.threads, "thread")
     search = "" if summary.line_search == "none" else f", line search {summary.line_search}"
     yield "method", f"{summary.method}{search}, {threads}"
     if summary.loss != "squared":

@@ -100,7 +100,7 @@ def _separate_parts(case: Case, labels: NDArray[np.int64]) -> Iterator[Finding]:
         return
     others = numbers(np.flatnonzero(labels > 0))
     sizes = np.bincount(labels[labels >= 0])
-    listed = first_few([f"{n:,}" for n in sizes], 6)
+    listed = first_few((f"{n:,}" for n in sizes), 6)
     yield Finding(
         "disconnected-parts",
         "warning",

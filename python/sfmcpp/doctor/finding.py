@@ -112,7 +112,7 @@ def numbers(indices: NDArray[np.integer]) -> tuple[int, ...]:
 
 def named(what: str, indices: Sequence[int], name: Callable[[int], str] = str) -> str:
     """Name some things: "camera 3", "cameras 3, 7", "120 cameras: 3, 7, 9, 12, 15, …"."""
-    listed = first_few([name(k) for k in indices], _NAMED)
+    listed = first_few((name(k) for k in indices), _NAMED)
     if len(indices) > _NAMED:
         return f"{counted(len(indices), what)}: {listed}"
     return f"{what if len(indices) == 1 else what + 's'} {listed}"

@@ -116,7 +116,7 @@ def _warning(world: Map, found: _OwnFocals, torn: NDArray[np.intp]) -> str:
     if not len(far):
         return ""
     far = far[np.argsort(-np.abs(logs[far]), kind="stable")]
-    named = [f"{world.image_names[found.images[k]]} ({found.shares[k]:.2f} of the median)" for k in far]
+    named = (f"{world.image_names[found.images[k]]} ({found.shares[k]:.2f} of the median)" for k in far)
     photos, few = counted(len(far), "photo seems", "photos seem"), first_few(named, _MOST_NAMED)
     return (
         f"{photos} to differ in focal length from others that share the camera, as after a digital zoom or a "

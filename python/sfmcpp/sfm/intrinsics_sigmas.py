@@ -35,9 +35,8 @@ def sigmas_of_intrinsics(problem: Problem) -> FloatArray | None:
         something is not determined at all.
     """
     count = problem.num_observations
-    if not (2 <= problem.num_cameras <= _MOST_IMAGES and 0 < count <= _MOST_OBSERVATIONS):
-        return None
-    if len(problem.intrinsics) > _MOST_CAMERAS:
+    is_small = problem.num_cameras <= _MOST_IMAGES and len(problem.intrinsics) <= _MOST_CAMERAS
+    if not (is_small and problem.num_cameras >= 2 and 0 < count <= _MOST_OBSERVATIONS):
         return None
     try:
         model = linearize(problem, gauge="fixed")

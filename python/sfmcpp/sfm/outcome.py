@@ -150,7 +150,7 @@ def warnings_of_copies(copies: Mapping[str, str], how: str) -> list[str]:
     """Name what was left out as a copy of another photo; nothing if nothing was."""
     if not copies:
         return []
-    few = first_few([f"{name} of {first}" for name, first in copies.items()], _MOST_NAMED)
+    few = first_few((f"{name} of {first}" for name, first in copies.items()), _MOST_NAMED)
     images = counted(len(copies), "image is a copy", "images are copies")
     return [f"{images}, {how}, and left out: {few}"]
 

@@ -247,7 +247,7 @@ def _losses(frames: FrameSource) -> Iterator[str]:
     if frames.shortfall is not None:
         yield f"the video is cut short or damaged: {frames.shortfall}"
     if lost := frames.unreadable:
-        named = first_few([f"{name}: {reason}" for name, reason in lost.items()], _NAMED)
+        named = first_few((f"{name}: {reason}" for name, reason in lost.items()), _NAMED)
         images = counted(len(lost), "image is", "images are")
         yield f"{images} left out, as if lost by the camera: {named}"
 

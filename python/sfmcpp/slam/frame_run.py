@@ -145,16 +145,17 @@ def _repeated_with_corrections(slam: Slam, source: FrameSource, passes: _Passes)
         sensors = again.in_hindsight()
         if sensors is not None and not kept.has_wrong_mounting:
             break
-        again.result.warnings = _warnings_of_both(kept, again if sensors is not None else None)
+        # Of a run that finds nothing, they are of samples that the corrections took away.
+        more = [] if sensors is None else again.result.warnings
+        again.result.warnings = _warnings_of_both(kept.result.warnings, more)
         kept = again
     if sensors is not None:
         kept.result.warnings.append("a run without what was wrong found more, and was not kept")
     return kept
 
 
-def _warnings_of_both(first: Slam, again: Slam | None) -> list[str]:
-    """Those of a run and of the next; if that found nothing, its own are of samples that corrections left."""
+def _warnings_of_both(first: list[str], second: list[str]) -> list[str]:
+    """Those of a run and what is new in the next's; last, that there was a next."""
     begun = "the run was begun again without what was wrong"
-    told = [warning for warning in first.result.warnings if warning != begun]
-    more = [warning for warning in again.result.warnings if warning not in told] if again else []
-    return [*told, *more, begun]
+    told = [warning for warning in first if warning != begun]
+    return [*told, *(warning for warning in second if warning not in told), begun]

@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from sfmcpp.model import CONSTRAINT_KINDS, SensorStream
 from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.checks import require_positive
 
 # Kinds that need a map in metres, in the sensor's world.
 METRIC_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.unit == "m")
@@ -46,6 +47,12 @@ class Measurement:
     doubtful: bool = False
     yields: bool = True
     slack: float = 0.0
+
+
+def require_sigma(name: str, sigma: float | None) -> None:
+    """Raise InvalidArgument unless a standard deviation is positive, or None: estimated during the run."""
+    if sigma is not None:
+        require_positive(name, sigma)
 
 
 @runtime_checkable

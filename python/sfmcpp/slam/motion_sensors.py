@@ -22,8 +22,8 @@ from sfmcpp.sensors import (
 from sfmcpp.sensors.frozen_speed import frozen_stretches
 from sfmcpp.sensors.odometer import displacement_along
 from sfmcpp.sensors.stream import prediction_sigma
-from sfmcpp.slam.measurement import Measurement
-from sfmcpp.slam.position_sensors import Gps, Ins, require_sigma
+from sfmcpp.slam.measurement import Measurement, require_sigma
+from sfmcpp.slam.position_sensors import Gps, Ins
 
 # Where rates are sampled seven times in a sway, rotations are off by 0.1 to 0.3 of what the samples show
 # beside their neighbours (simulated walkers); where the errors of rates are independent, by all of it.

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from sfmcpp.model import SensorStream
 from sfmcpp.model.arguments import check_fields
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.model.checks import require_positive
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import (
     Mounting,
@@ -24,7 +23,7 @@ from sfmcpp.sensors import (
     without_repeats,
 )
 from sfmcpp.sensors.gps import position_sigma
-from sfmcpp.slam.measurement import Measurement
+from sfmcpp.slam.measurement import Measurement, require_sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,12 +171,6 @@ class Ins:
         """Pose of this keyframe."""
         pose = self.at(end_s)
         return None if pose is None else Measurement(self.name, "pose", pose, self.sigma_m)
-
-
-def require_sigma(name: str, sigma: float | None) -> None:
-    """Raise InvalidArgument unless a standard deviation is positive, or None: estimated during the run."""
-    if sigma is not None:
-        require_positive(name, sigma)
 
 
 def _unreachable(stream: SensorStream, reachable: SensorStream) -> list[str]:

@@ -230,7 +230,7 @@ class RightImages:
             frames = counted(len(alone), "frame is", "frames are")
             yield f"{frames} without a right image, the first {self._name_of_left(alone[0])}"
         if lost := self.images.unreadable:
-            named = first_few([f"{name}: {reason}" for name, reason in lost.items()], _NAMED)
+            named = first_few((f"{name}: {reason}" for name, reason in lost.items()), _NAMED)
             yield f"right images cannot be read: {named}"
         if tally.frames and tally.found < _FEW_SHARE * tally.corners:
             share = f"{tally.found / tally.corners:.1%}"
