@@ -28,6 +28,13 @@ inline void relax() {
 
 }  // namespace
 
+bool SpinWait::once() {
+  relax();
+  if (++count_ % kSpinsBetweenLooks != 0) return false;
+  std::this_thread::yield();
+  return true;
+}
+
 ThreadPool::ThreadPool(int num_threads) : ranges_(std::max(num_threads, 1)) {
   try {
     for (int worker = 1; worker < num_threads; ++worker)
@@ -68,10 +75,8 @@ void ThreadPool::run(const Job& job) {
 }
 
 void ThreadPool::wait_for_workers() {
-  for (unsigned spin = 1; joined_ > 0; ++spin) {
-    relax();
-    if (spin % kSpinsBetweenLooks != 0) continue;
-    std::this_thread::yield();
+  for (SpinWait wait; joined_ > 0;) {
+    if (!wait.once()) continue;
     try {
       if (!failed_) heed_stop(0);
     } catch (...) {

@@ -214,6 +214,47 @@ void backward(const double* l, long ld, int columns, int rows, double* x) {
   }
 }
 
+constexpr int kPacks = kStrip / kLanes;  // of a column of a strip
+
+void forward_strip(const double* l, int first, int strip, double* x) {
+  const double* columns = l + strip_begin(strip);
+  const int end = kStrip * strip;
+  Real rest[kPacks];
+  for (int i = 0; i < kPacks; ++i) rest[i] = load<kLanes>(x + end + kLanes * i);
+  for (int c = kStrip * first; c < end; ++c) {
+    for (int i = 0; i < kPacks; ++i)
+      rest[i] -= load<kLanes>(columns + kStrip * c + kLanes * i) * x[c];
+  }
+  double* y = x + end;
+  for (int i = 0; i < kPacks; ++i) store(y + kLanes * i, rest[i]);
+  const double* square = columns + kStrip * end;
+  for (int j = 0; j < kStrip; ++j, square += kStrip) {
+    y[j] /= square[j];
+    for (int i = j + 1; i < kStrip; ++i) y[i] -= square[i] * y[j];
+  }
+}
+
+void backward_strip(const double* l, int strip, int num_strips, double* x) {
+  constexpr int kEights = kStrip / 8;
+  Pack<8> sums[kStrip];
+  for (Pack<8>& sum : sums) sum = Pack<8>(0.0);
+  for (int s = strip + 1; s < num_strips; ++s) {
+    const double* column = l + strip_begin(s) + kStrip * kStrip * strip;
+    for (int i = 0; i < kEights; ++i) {
+      const Pack<8> values = load<8>(x + kStrip * s + 8 * i);
+#pragma GCC unroll 16
+      for (int j = 0; j < kStrip; ++j) sums[j] += load<8>(column + kStrip * j + 8 * i) * values;
+    }
+  }
+  const double* square = l + strip_begin(strip) + kStrip * kStrip * strip;
+  double* y = x + kStrip * strip;
+  for (int j = kStrip - 1; j >= 0; --j) {
+    double rest = y[j] - sum_of_lanes(sums[j]);
+    for (int i = j + 1; i < kStrip; ++i) rest -= square[i + kStrip * j] * y[i];
+    y[j] = rest / square[j + kStrip * j];
+  }
+}
+
 }  // namespace
 
 CholeskyKernels cholesky_kernels_of() {
@@ -224,7 +265,9 @@ CholeskyKernels cholesky_kernels_of() {
           .solve_strip = &solve_strip,
           .add_runs = &add_runs,
           .forward = &forward,
-          .backward = &backward};
+          .backward = &backward,
+          .forward_strip = &forward_strip,
+          .backward_strip = &backward_strip};
 }
 
 }  // namespace sfmcpp::linear::SFMCPP_ISA

@@ -9,229 +9,217 @@
 namespace sfmcpp::linear {
 namespace {
 
-constexpr int kInner = 128;   // columns of both factors that are packed at a time
-constexpr int kWide = 128;    // columns of a panel that are factored before the others are updated
-constexpr int kLarge = 1024;  // rows from which on tasks are several strips
-constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
+constexpr int kStripArea = kStrip * kStrip;
+constexpr int kMostStripsOfGroup = 4;
+constexpr int kGroupsPerThread = 2;  // at least, for threads to wait little for one another
+constexpr int kInnerStrips = 16;     // of two factors, which the nearest cache holds
+constexpr int kColumnsPerTask = 32;  // right-hand sides that one task solves for
 
-// Columns of one panel that are factored together, by tiles.
-class NarrowPanel {
+// Ends the work of all threads.
+struct NotPositiveDefinite {};
+
+// By groups of strips, in order: threads take them one after the other. A group passes through the
+// columns from the left and waits, at each strip of columns, for the strip of rows that has their
+// square: one thread is a little behind another. Nobody waits for a thread that has not come: a
+// group that is waited for has been taken. Every entry is the sum over its columns in their order,
+// so the bits do not depend on groups or threads.
+//
+// Regions for the steps of a panel took as long with two threads as with one below 500 rows: what
+// one had computed the other needed at once.
+class Factorization {
  public:
-  NarrowPanel(const CholeskyKernels& kernels,
-              double* panel,
-              long ld,
-              int columns,
-              int rows,
-              ThreadPool* pool)
+  Factorization(const CholeskyKernels& kernels,
+                double* matrix,
+                std::span<StripProgress> strips,
+                ThreadPool& pool)
       : kernels_(kernels),
-        panel_(panel),
-        ld_(ld),
-        columns_(columns),
-        rows_(rows),
-        tile_(rows < kLarge ? 32 : 64),
-        rows_per_task_(rows < kLarge ? kStrip : 4 * kStrip),
-        pool_(pool) {}
+        matrix_(matrix),
+        strips_(strips),
+        pool_(pool),
+        group_(
+            std::clamp(count() / (kGroupsPerThread * pool.num_threads()), 1, kMostStripsOfGroup)) {
+    for (StripProgress& strip : strips_) {
+      strip.solved.store(0, std::memory_order_relaxed);
+      strip.squared = 0;
+    }
+  }
 
-  bool factor() {
-    for (int column = 0; column < columns_; column += tile_) {
-      const int width = std::min(tile_, columns_ - column);
-      for_rows_from(column, [&](int begin, int end) { update(begin, end, column, width); });
-      if (!kernels_.factor(at(column, column), ld_, width)) return false;
-      for_rows_from(round_up(column + width, kStrip),
-                    [&](int begin, int end) { solve(begin, end, column, width); });
+  bool run() {
+    try {
+      pool_.parallel_for_worker(pool_.num_threads(), [this](int, int worker) { work(worker); });
+    } catch (const NotPositiveDefinite&) {
+      return false;
     }
     return true;
   }
 
  private:
-  double* at(int row, int column) const { return panel_ + column * ld_ + row; }
-
-  // f(begin, end) for the rows from `first` on, in parallel.
-  template <class F>
-  void for_rows_from(int first, const F& f) {
-    for_each_task(pool_, (rows_ - first + rows_per_task_ - 1) / rows_per_task_, [&](int task, int) {
-      const int begin = first + task * rows_per_task_;
-      f(begin, std::min(begin + rows_per_task_, rows_));
-    });
+  int count() const { return static_cast<int>(strips_.size()); }
+  // Row `strip` of the strips of columns from `column` on.
+  double* at(int strip, int column) const {
+    return matrix_ + strip_begin(strip) + std::int64_t{kStripArea} * column;
   }
 
-  void update(int begin, int end, int column, int width) const {
-    for (int inner = 0; inner < column; inner += kInnerBlock) {
-      const int count = std::min(kInnerBlock, column - inner);
-      for (int row = begin; row < end; row += kStrip)
-        kernels_.update(at(row, inner), at(column, inner), at(row, column), ld_, count, width);
+  void work(int worker) {
+    try {
+      for (int begin; (begin = next_.fetch_add(group_)) < count();) {
+        factor_group(begin, std::min(begin + group_, count()));
+        pool_.heed_stop(worker);
+      }
+    } catch (...) {
+      stopped_ = true;  // nobody waits for what does not come
+      throw;
     }
   }
 
-  void solve(int begin, int end, int column, int width) const {
-    for (int row = begin; row < end; row += kStrip)
-      kernels_.solve_strip(at(column, column), at(row, column), ld_, width);
+  void factor_group(int begin, int end) {
+    for (int column = 0; column < begin; ++column) {
+      subtract_products(begin, end, column);
+      if (solved(column) <= column) subtract_squares(begin, end, column);  // instead of waiting
+      wait_for(column, column + 1);
+      solve(begin, end, column);
+    }
+    for (int column = begin; column < end; ++column) {
+      subtract_squares(column, column + 1, column);
+      if (!kernels_.factor(at(column, column), kStrip, kStrip)) throw NotPositiveDefinite{};
+      set_solved(column, column + 1);
+      subtract_products(column + 1, end, column);
+      solve(column + 1, end, column);
+    }
+  }
+
+  // From what these strips have in a strip of columns, their products with its row, as it comes.
+  void subtract_products(int begin, int end, int column) {
+    for (int inner = 0, next; inner < column; inner = next) {
+      next = std::min({wait_for(column, inner + 1), column, inner + kInnerStrips});
+      for (int strip = begin; strip < end; ++strip)
+        subtract(at(strip, inner), at(column, inner), at(strip, column), next - inner);
+    }
+  }
+
+  // From the squares on the diagonal, those of the columns before `column`.
+  void subtract_squares(int begin, int end, int column) {
+    for (int strip = begin; strip < end; ++strip) {
+      int& inner = strips_[strip].squared;
+      if (inner < column)
+        subtract(at(strip, inner), at(strip, inner), at(strip, strip), column - inner);
+      inner = column;
+    }
+  }
+
+  void subtract(const double* a, const double* b, double* c, int inner) const {
+    kernels_.update_packed(a, b, c, kStrip, kStrip * inner, kStrip);
+  }
+
+  void solve(int begin, int end, int column) {
+    for (int strip = begin; strip < end; ++strip) {
+      kernels_.solve_strip(at(column, column), at(strip, column), kStrip, kStrip);
+      set_solved(strip, column + 1);
+    }
+  }
+
+  int solved(int strip) const { return strips_[strip].solved.load(std::memory_order_acquire); }
+  void set_solved(int strip, int columns) {
+    strips_[strip].solved.store(columns, std::memory_order_release);
+  }
+  // How many there are, once there are so many.
+  int wait_for(int strip, int columns) const {
+    SpinWait wait;
+    while (solved(strip) < columns) {
+      if (stopped_) throw NotPositiveDefinite{};  // or another failure, which came first
+      wait.once();
+    }
+    return solved(strip);
   }
 
   const CholeskyKernels& kernels_;
-  double* panel_;
-  long ld_;
-  int columns_;
-  int rows_;
-  int tile_;  // columns factored at a time
-  int rows_per_task_;
-  ThreadPool* pool_;
+  double* matrix_;
+  std::span<StripProgress> strips_;
+  ThreadPool& pool_;
+  int group_;  // strips
+  std::atomic<int> next_{0};
+  std::atomic<bool> stopped_{false};
+};
+
+// Columns in whole strips, filled up with zeros.
+class PaddedColumns {
+ public:
+  PaddedColumns(int rows, int columns)
+      : values_(Eigen::MatrixXd::Zero(round_up(rows, kStrip), columns)) {}
+
+  template <class F>
+  void for_each(const F& f) {
+    for (Eigen::Index c = 0; c < values_.cols(); ++c) f(values_.col(c).data());
+  }
+  Eigen::MatrixXd& values() { return values_; }
+
+ private:
+  Eigen::MatrixXd values_;
 };
 
 }  // namespace
 
-// Each task packs the columns anew, so it has two strips at least.
-int rows_of_tile(int rows, const ThreadPool* pool) {
-  constexpr int kTasksPerThread = 4, kFewestRows = 2 * kStrip;
-  if (pool == nullptr || pool->num_threads() == 1) return kTileRows;
-  const int tasks = kTasksPerThread * pool->num_threads();
-  return std::clamp(round_up(rows / tasks, kStrip), kFewestRows, kTileRows);
-}
-
-ProductScratch::ProductScratch()
-    : rows(static_cast<std::size_t>(kTileRows) * kInner),
-      columns(static_cast<std::size_t>(kWide) * kInner),
-      product(static_cast<std::size_t>(kTileRows + kPanel) * kTileColumns) {}
-
-void subtract_product(const CholeskyKernels& kernels,
-                      const double* l,
-                      long ld,
-                      int inner,
-                      const ProductTile& tile,
-                      double* c,
-                      long c_stride,
-                      ProductScratch& scratch) {
-  const int first = std::max(tile.row_begin, tile.column_begin);
-  for (int k = 0; k < inner; k += kInner) {
-    const int count = std::min(kInner, inner - k);
-    const double* part = l + k * ld;
-    kernels.pack(part + first, ld, tile.row_end - first, count, scratch.rows.data());
-    kernels.pack(part + tile.column_begin,
-                 ld,
-                 round_up(tile.column_end - tile.column_begin, kStrip),
-                 count,
-                 scratch.columns.data());
-    for (int row = first; row < tile.row_end; row += kStrip) {
-      const int columns = std::min(tile.column_end, row + kStrip) - tile.column_begin;
-      kernels.update_packed(scratch.rows.data() + static_cast<long>(row - first) * count,
-                            scratch.columns.data(),
-                            c + (row - tile.row_begin),
-                            c_stride,
-                            count,
-                            columns);
-    }
-  }
-}
-
-bool factor_panel(const CholeskyKernels& kernels,
-                  double* panel,
-                  long ld,
-                  int columns,
-                  int rows,
-                  ThreadPool* pool,
-                  ProductScratch* scratch) {
-  const int wide = columns < 2 * kWide ? columns : kWide;
-  for (int begin = 0; begin < columns; begin += wide) {
-    const int end = std::min(begin + wide, columns);
-    const int height = rows_of_tile(rows - begin, pool);
-    const int tasks = begin == 0 ? 0 : ThreadPool::num_parts(rows - begin, height);
-    for_each_task(pool, tasks, [&](int task, int worker) {
-      const int row = begin + task * height;
-      subtract_product(kernels,
-                       panel,
-                       ld,
-                       begin,
-                       {row, std::min(row + height, rows), begin, end},
-                       panel + begin * ld + row,
-                       ld,
-                       scratch[worker]);
-    });
-    if (!NarrowPanel(kernels, panel + begin * ld + begin, ld, end - begin, rows - begin, pool)
-             .factor())
-      return false;
-  }
-  return true;
-}
-
-namespace {
-
-constexpr int kColumnsPerTask = 32;  // right-hand sides that one task solves for
-constexpr int kColumnsInCache = 32;  // of a factor, which several right-hand sides meet
-
-}  // namespace
-
-void forward_columns(const CholeskyKernels& kernels,
-                     const double* l,
-                     long ld,
-                     int columns,
-                     Eigen::Ref<Eigen::MatrixXd> x) {
-  const auto rows = static_cast<int>(x.rows());
-  for (int first = 0; first < columns; first += kColumnsInCache) {
-    const int last = std::min(first + kColumnsInCache, columns);
-    for (Eigen::Index c = 0; c < x.cols(); ++c) {
-      // Zeros come first in what is sparse.
-      if (x.col(c).segment(first, last - first).isZero(0.0)) continue;
-      kernels.forward(
-          l + first * (ld + 1), ld, last - first, rows - first, x.col(c).data() + first);
-    }
-  }
-}
-
 CholeskyKernels cholesky_kernels() { return SFMCPP_FOR_ACTIVE_ISA(cholesky_kernels_of()); }
 
 DenseCholesky::DenseCholesky(int size, const CholeskyKernels& kernels)
-    : kernels_(kernels),
-      padded_size_(round_up(size, kStrip)),
-      size_(size),
-      ld_(padded_size_ + kPanel),
-      matrix_(static_cast<std::size_t>(padded_size_) * ld_) {}
+    : kernels_(kernels), size_(size), progress_(ThreadPool::num_parts(size, kStrip)) {
+  for (int row = 0; row < padded_size(); ++row)
+    row_places_.push_back(strip_begin(row / kStrip) + row % kStrip);
+  matrix_.resize(static_cast<std::size_t>(strip_begin(num_strips())));
+}
 
 void DenseCholesky::set_zero(ThreadPool& pool) {
-  pool.parallel_for(padded_size_ / kStrip, [this](int task) {
-    for (int c = task * kStrip; c < (task + 1) * kStrip; ++c) {
-      // From the strip of the diagonal on: the kernels read whole strips.
-      std::fill(&at(task * kStrip, c), &at(task * kStrip, c) + (padded_size_ - task * kStrip), 0.0);
-      if (c >= size_) at(c, c) = 1.0;
-    }
+  pool.parallel_for(num_strips(), [this](int strip) {
+    std::fill(matrix_.data() + strip_begin(strip), matrix_.data() + strip_begin(strip + 1), 0.0);
   });
+  for (int k = size_; k < padded_size(); ++k) at(k, k) = 1.0;
 }
 
 bool DenseCholesky::factorize(ThreadPool& pool) {
-  scratch_.resize(pool.num_threads());
-  return factor_panel(
-      kernels_, matrix_.data(), ld_, padded_size_, padded_size_, &pool, scratch_.data());
+  return Factorization(kernels_, matrix_.data(), progress_, pool).run();
 }
 
-void DenseCholesky::solve(std::span<double> x) const {
-  const auto size = static_cast<int>(x.size());
-  kernels_.forward(matrix_.data(), ld_, size, size, x.data());
-  kernels_.backward(matrix_.data(), ld_, size, size, x.data());
+void DenseCholesky::solve(std::span<double> x, int rows) const {
+  const int strips = ThreadPool::num_parts(rows, kStrip);
+  for (int strip = 0; strip < strips; ++strip)
+    kernels_.forward_strip(matrix_.data(), 0, strip, x.data());
+  std::fill(x.begin() + rows, x.begin() + std::ptrdiff_t{kStrip} * strips, 0.0);
+  for (int strip = strips - 1; strip >= 0; --strip)
+    kernels_.backward_strip(matrix_.data(), strip, strips, x.data());
 }
 
 void DenseCholesky::solve(Eigen::MatrixXd& x, ThreadPool& pool) const {
-  const Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>> l(
-      matrix_.data(), size_, size_, Eigen::OuterStride<>(ld_));
   const auto columns = static_cast<int>(x.cols());
-  pool.parallel_for((columns + kColumnsPerTask - 1) / kColumnsPerTask, [&](int task) {
+  pool.parallel_for(ThreadPool::num_parts(columns, kColumnsPerTask), [&](int task) {
     const int begin = task * kColumnsPerTask;
     auto slab = x.middleCols(begin, std::min(kColumnsPerTask, columns - begin));
-    l.triangularView<Eigen::Lower>().solveInPlace(slab);
-    l.transpose().triangularView<Eigen::Upper>().solveInPlace(slab);
+    PaddedColumns padded(size_, static_cast<int>(slab.cols()));
+    padded.values().topRows(size_) = slab;
+    for (int strip = 0; strip < num_strips(); ++strip)
+      padded.for_each([&](double* y) { kernels_.forward_strip(matrix_.data(), 0, strip, y); });
+    for (int strip = num_strips() - 1; strip >= 0; --strip)
+      padded.for_each(
+          [&](double* y) { kernels_.backward_strip(matrix_.data(), strip, num_strips(), y); });
+    slab = padded.values().topRows(size_);
   });
 }
 
 Eigen::MatrixXd DenseCholesky::inverse_product(const SparseEntries& x, int columns) const {
   int first = size_;
   for (const auto& entry : x) first = std::min(first, entry.row());
-  Eigen::MatrixXd values = Eigen::MatrixXd::Zero(size_ - first, columns);
-  for (const auto& entry : x) values(entry.row() - first, entry.col()) = entry.value();
-  forward_columns(kernels_, matrix_.data() + first * (ld_ + 1), ld_, size_ - first, values);
-  return values.transpose() * values;
+  PaddedColumns padded(size_, columns);
+  for (const auto& entry : x) padded.values()(entry.row(), entry.col()) = entry.value();
+  for (int strip = first / kStrip; strip < num_strips(); ++strip) {
+    padded.for_each(
+        [&](double* y) { kernels_.forward_strip(matrix_.data(), first / kStrip, strip, y); });
+  }
+  const auto below = padded.values().bottomRows(padded_size() - first);
+  return below.transpose() * below;
 }
 
 double DenseCholesky::log_determinant() const {
   double sum = 0.0;
-  for (long k = 0; k < size_; ++k) sum += std::log(matrix_[k * ld_ + k]);
+  for (int k = 0; k < size_; ++k) sum += std::log(at(k, k));
   return 2.0 * sum;
 }
 

@@ -64,17 +64,17 @@ class DenseReducedSolver final : public ReducedSolver {
   std::span<double> values() override { return cholesky_.values(); }
   int position(int block) const override { return block; }
   BlockPlace place(int row_block, int column_block) const override {
-    return {.first =
-                map().block_begin[row_block] + cholesky_.stride() * map().block_begin[column_block],
-            .stride = cholesky_.stride()};
+    return {.first = std::int64_t{kStrip} * map().block_begin[column_block],
+            .stride = kStrip,
+            .rows = cholesky_.row_places().data() + map().block_begin[row_block]};
   }
   void solve_in_place(std::vector<double>& x) override { solve_leading(cholesky_.size(), x); }
 
   // The others are zero.
   void solve_leading(int columns, std::vector<double>& x) {
-    placed_.resize(x.size());
+    placed_.resize(cholesky_.padded_size());
     for (int k = 0; k < cholesky_.size(); ++k) placed_[place(k)] = x[k];
-    cholesky_.solve(std::span(placed_).first(columns));
+    cholesky_.solve(placed_, columns);
     std::fill(placed_.begin() + columns, placed_.end(), 0.0);
     for (int k = 0; k < cholesky_.size(); ++k) x[k] = placed_[place(k)];
   }

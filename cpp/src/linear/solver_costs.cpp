@@ -69,9 +69,9 @@ constexpr double kInexactSteps = 1.5, kIterationsOfInexactSteps = 100;
 double steps_for_an_exact_one(double iterations) {
   return 1.0 + (kInexactSteps - 1.0) * std::min(iterations / kIterationsOfInexactSteps, 1.0);
 }
-// Times that all threads meet in a step, whatever the solver, and in an iteration; and columns of a
-// dense factor from one meeting to the next. Rates of regions are fitted to these amounts.
-constexpr double kMeetingsOfStep = 20, kMeetingsOfIteration = 10, kColumnsOfMeeting = 48;
+// Times that all threads meet in a step, whatever the solver, and in an iteration. Rates of regions
+// are fitted to these amounts.
+constexpr double kMeetingsOfStep = 20, kMeetingsOfIteration = 10;
 
 double seconds_of(const Works& amounts, const Works& seconds_per_unit) {
   double seconds = 0.0;
@@ -159,12 +159,11 @@ double SolverForecast::seconds_to_compare(const Works& seconds_per_unit) const {
 }
 
 SolverForecast forecast_dense(const SolverCounts& counts) {
-  const double n = counts.columns;
+  const double n = counts.columns, matrix_bytes = kNumber * n * (n + kStrip) / 2;
   SolverForecast forecast{.kind = LinearSolverKind::kDense, .step = explicit_work(counts)};
   amount_of(forecast.step, Work::kDenseFactor) = n * n * n / 3;
-  amount_of(forecast.step, Work::kDenseEntries) = kNumber * n * n;
-  amount_of(forecast.step, Work::kRegions) += n / kColumnsOfMeeting;
-  forecast.bytes = kNumber * n * n + counts.pair_list_bytes;
+  amount_of(forecast.step, Work::kDenseEntries) = matrix_bytes;
+  forecast.bytes = matrix_bytes + counts.pair_list_bytes;
   return forecast;
 }
 
@@ -218,7 +217,7 @@ constexpr long kNumbers = 1 << 20;  // 8 MB, more than a core's own cache
 constexpr long kPart = 1 << 14;
 
 // Of the machine that the reference rates are of, as the measurements below have it.
-constexpr double kReferenceFactorSeconds = 0.5e-3;
+constexpr double kReferenceFactorSeconds = 0.31e-3;
 constexpr double kReferenceStreamSeconds = 0.16e-3;
 
 // The shortest of a few, the first of which warms up.

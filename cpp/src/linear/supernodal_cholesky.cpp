@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "sfmcpp/core/error.hpp"
 
@@ -54,6 +55,11 @@ SupernodalCholesky::SupernodalCholesky(const Supernodes& supernodes, const Chole
       values_(static_cast<std::size_t>(supernodes.num_entries)),
       triangles_(supernodes.subtrees.size()),
       triangle_maps_(supernodes.subtrees.size()) {
+  int largest = 0;
+  for (std::size_t k = 1; k < s_.first_column.size(); ++k)
+    largest = std::max(largest, s_.first_column[k] - s_.first_column[k - 1]);
+  in_order_.resize(static_cast<std::size_t>(largest));
+  std::iota(in_order_.begin(), in_order_.end(), 0);
   for (std::size_t k = 0; k < triangles_.size(); ++k) {
     const Subtrees& part = s_.subtrees[k];
     triangles_[k].resize(static_cast<std::size_t>(UpdateTriangle(part.height).num_entries()));
@@ -74,7 +80,9 @@ BlockPlace SupernodalCholesky::place(int row_block, int column_block) const {
       throw Error("a block of the reduced system lies outside its analysed pattern");
     row = panel.top + s_.offsets_of(s)[found - rows.begin()];
   }
-  return {.first = panel.first + column * panel.stride + row, .stride = panel.stride};
+  return {.first = panel.first + column * panel.stride + row,
+          .stride = panel.stride,
+          .rows = in_order_.data()};
 }
 
 void SupernodalCholesky::set_zero(ThreadPool& pool) {

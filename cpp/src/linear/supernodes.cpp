@@ -4,8 +4,8 @@
 #include <numeric>
 
 #include "sfmcpp/linear/cholesky_kernels.hpp"
-#include "sfmcpp/linear/dense_cholesky.hpp"
 #include "sfmcpp/linear/elimination_tree.hpp"
+#include "sfmcpp/linear/panel_cholesky.hpp"
 
 namespace sfmcpp::linear {
 namespace {

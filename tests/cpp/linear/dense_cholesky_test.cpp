@@ -1,5 +1,9 @@
 #include "sfmcpp/linear/dense_cholesky.hpp"
 
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
 #include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
@@ -21,6 +25,22 @@ MatrixXd random_spd(int n, unsigned seed) {
 
 class DenseCholeskySizes : public testing::TestWithParam<int> {};
 
+// To the lower triangle of a.
+void set(const MatrixXd& a, DenseCholesky& cholesky, ThreadPool& pool) {
+  cholesky.set_zero(pool);
+  for (int c = 0; c < a.cols(); ++c) {
+    for (int r = c; r < a.rows(); ++r) cholesky.at(r, c) = a(r, c);
+  }
+}
+
+// x ← a⁻¹ x of the leading rows.
+void solve(const DenseCholesky& cholesky, int rows, VectorXd& x) {
+  std::vector<double> padded(cholesky.padded_size(), std::nan(""));
+  std::copy_n(x.data(), rows, padded.begin());
+  cholesky.solve(padded, rows);
+  std::copy_n(padded.begin(), rows, x.data());
+}
+
 // x ← a⁻¹ x from the lower triangle of a; false: refused.
 bool solve_dense(const MatrixXd& a,
                  VectorXd& x,
@@ -28,12 +48,9 @@ bool solve_dense(const MatrixXd& a,
                  const CholeskyKernels& kernels = cholesky_kernels()) {
   const int n = static_cast<int>(a.rows());
   DenseCholesky cholesky(n, kernels);
-  cholesky.set_zero(pool);
-  for (int c = 0; c < n; ++c) {
-    for (int r = c; r < n; ++r) cholesky.at(r, c) = a(r, c);
-  }
+  set(a, cholesky, pool);
   if (!cholesky.factorize(pool)) return false;
-  cholesky.solve({x.data(), static_cast<std::size_t>(n)});
+  solve(cholesky, n, x);
   return true;
 }
 
@@ -58,7 +75,7 @@ TEST_P(DenseCholeskySizes, SolvesAgainAfterBeingSetToZero) {
     for (int k = 0; k < n; ++k) cholesky.at(k, k) = diagonal;
     VectorXd x = VectorXd::Ones(n);
     ASSERT_TRUE(cholesky.factorize(pool));
-    cholesky.solve({x.data(), static_cast<std::size_t>(n)});
+    solve(cholesky, n, x);
     EXPECT_LT((diagonal * x - VectorXd::Ones(n)).norm(), 1e-14 * n);
   }
 }
@@ -81,10 +98,7 @@ TEST_P(DenseCholeskySizes, GivesProductsWithTheInverseOfSparseColumns) {
   ThreadPool pool(1);
   const MatrixXd a = random_spd(n, 6);
   DenseCholesky cholesky(n);
-  cholesky.set_zero(pool);
-  for (int c = 0; c < n; ++c) {
-    for (int r = c; r < n; ++r) cholesky.at(r, c) = a(r, c);
-  }
+  set(a, cholesky, pool);
   ASSERT_TRUE(cholesky.factorize(pool));
   for (int first : {0, n / 2, n - 1}) {
     MatrixXd b = MatrixXd::Zero(n, 2);
@@ -94,6 +108,34 @@ TEST_P(DenseCholeskySizes, GivesProductsWithTheInverseOfSparseColumns) {
     const MatrixXd expected = b.transpose() * a.llt().solve(b);
     EXPECT_LT((found - expected).norm(), 1e-12 * expected.norm()) << first;
   }
+}
+
+TEST_P(DenseCholeskySizes, SolvesForTheLeadingRows) {
+  const int n = GetParam();
+  ThreadPool pool(2);
+  const MatrixXd a = random_spd(n, 9);
+  DenseCholesky cholesky(n);
+  set(a, cholesky, pool);
+  ASSERT_TRUE(cholesky.factorize(pool));
+  for (int rows : {1, n / 2 + 1, n}) {
+    VectorXd x = VectorXd::LinSpaced(rows, 1.0, 2.0);
+    const VectorXd expected = a.topLeftCorner(rows, rows).llt().solve(x);
+    solve(cholesky, rows, x);
+    EXPECT_LT((x - expected).norm(), 1e-12 * expected.norm()) << rows;
+  }
+}
+
+TEST_P(DenseCholeskySizes, SolvesForColumnsTogether) {
+  const int n = GetParam();
+  ThreadPool pool(2);
+  const MatrixXd a = random_spd(n, 10);
+  DenseCholesky cholesky(n);
+  set(a, cholesky, pool);
+  ASSERT_TRUE(cholesky.factorize(pool));
+  MatrixXd x = MatrixXd::Random(n, 35);
+  const MatrixXd expected = a.llt().solve(x);
+  cholesky.solve(x, pool);
+  EXPECT_LT((x - expected).norm(), 1e-12 * expected.norm());
 }
 
 TEST_P(DenseCholeskySizes, RefusesAMatrixThatIsNotPositiveDefinite) {

@@ -8,7 +8,7 @@
 #include <Eigen/Core>
 
 #include "sfmcpp/linear/block_ordering.hpp"
-#include "sfmcpp/linear/dense_cholesky.hpp"
+#include "sfmcpp/linear/panel_cholesky.hpp"
 
 namespace sfmcpp::support {
 

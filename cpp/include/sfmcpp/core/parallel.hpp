@@ -25,6 +25,16 @@ namespace sfmcpp {
 
 class StopWatcher;
 
+// For a loop that waits for another thread.
+class SpinWait {
+ public:
+  // For a moment. Now and then it gives the processor away, and returns true.
+  bool once();
+
+ private:
+  unsigned count_ = 0;
+};
+
 class ThreadPool {
  public:
   // `num_threads` counts the calling thread. They are fewer where the system has no more.

@@ -32,12 +32,13 @@ inline std::vector<int> panel_places(int size) {
   return places;
 }
 
-// A block within a matrix stored by columns: entry (r, c) at first + c · stride + r.
+// A block within a stored matrix: entry (r, c) at first + c · stride + rows[r].
 struct BlockPlace {
   std::int64_t first = 0;
   std::int64_t stride = 0;
+  const std::int64_t* rows = nullptr;
 
-  std::int64_t of(std::int64_t r, std::int64_t c) const { return first + c * stride + r; }
+  std::int64_t of(std::int64_t r, std::int64_t c) const { return first + c * stride + rows[r]; }
 };
 
 }  // namespace sfmcpp::linear

@@ -4,12 +4,20 @@
 // kStrip, columns in multiples of kPanel; the caller pads.
 #pragma once
 
+#include <cstdint>
+
 #include "sfmcpp/core/isa.hpp"
 
 namespace sfmcpp::linear {
 
 inline constexpr int kStrip = 16;
 inline constexpr int kPanel = 8;
+
+// A lower triangle in strips, each column by column as far as the square on the diagonal: where a
+// strip begins.
+constexpr std::int64_t strip_begin(int strip) {
+  return std::int64_t{kStrip} * kStrip * strip * (strip + 1) / 2;
+}
 
 // Consecutive rows of one panel that are consecutive in another.
 struct RowRun {
@@ -39,6 +47,11 @@ struct CholeskyKernels {
   // other entries. Backward: x ← l⁻ᵀ x for the first, given the others.
   void (*forward)(const double* l, long ld, int columns, int rows, double* x);
   void (*backward)(const double* l, long ld, int columns, int rows, double* x);
+  // The same with a lower triangle in strips, for the entries of x of one of them. Forward, given
+  // those from strip `first` on before it (the others are zero); backward, given those of the
+  // strips behind it.
+  void (*forward_strip)(const double* l, int first, int strip, double* x);
+  void (*backward_strip)(const double* l, int strip, int num_strips, double* x);
 };
 
 CholeskyKernels cholesky_kernels();

@@ -1,93 +1,29 @@
-// Dense Cholesky factorisation of panels: columns of a lower triangle with all the rows below,
-// column-major, as a supernode (supernodes.hpp) or a whole matrix is one. Rows come in strips of
-// kStrip, columns in multiples of kPanel (cholesky_kernels.hpp).
+// A symmetric positive definite matrix and its Cholesky factorisation in place.
 #pragma once
 
+#include <atomic>
+#include <cstdint>
 #include <span>
 #include <vector>
 
 #include <Eigen/Core>
-#include <Eigen/SparseCore>
 
 #include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/cholesky_kernels.hpp"
+#include "sfmcpp/linear/panel_cholesky.hpp"
 
 namespace sfmcpp::linear {
 
-template <class Integer>
-constexpr Integer round_up(Integer n, int multiple) {
-  return (n + multiple - 1) / multiple * multiple;
-}
-
-// Calls f(task, worker) for every task: by a pool, or one after the other where that is null.
-template <class F>
-void for_each_task(ThreadPool* pool, int count, const F& f) {
-  if (pool != nullptr) {
-    pool->parallel_for_worker(count, f);
-  } else {
-    for (int task = 0; task < count; ++task) f(task, 0);
-  }
-}
-
-// A part of L Lᵀ, for rows and columns from a range of the rows of L.
-struct ProductTile {
-  int row_begin, row_end;        // whole strips
-  int column_begin, column_end;  // from the first row of a strip; a multiple of kPanel
+// What the threads that factorise a matrix tell one another of a strip.
+struct alignas(64) StripProgress {
+  std::atomic<int> solved{0};  // strips of columns of L that are there
+  int squared = 0;             // strips of columns whose squares have left the diagonal
 };
 
-inline constexpr int kTileRows = 256;
-inline constexpr int kTileColumns = 128;
-
-// Rows of the tiles of so many, kTileRows at most: a few tiles for each thread. They are
-// independent of one another, so the bits do not depend on it.
-int rows_of_tile(int rows, const ThreadPool* pool);
-
-// Work space of one thread: the factors of a product, packed for the kernels, and the product.
-struct ProductScratch {
-  AlignedVector<double> rows;
-  AlignedVector<double> columns;
-  AlignedVector<double> product;
-
-  ProductScratch();
-};
-
-// c −= the tile of l lᵀ, l of `inner` columns; c has the tile's first entry. Entries above the
-// diagonal of l lᵀ may be overwritten with unspecified values.
-void subtract_product(const CholeskyKernels& kernels,
-                      const double* l,
-                      long ld,
-                      int inner,
-                      const ProductTile& tile,
-                      double* c,
-                      long c_stride,
-                      ProductScratch& scratch);
-
-// The Cholesky factor in place of the first `columns` of `rows` rows. False: not positive definite.
-// Left-looking by tiles of columns; the strips of a tile are independent tasks, so the bits do not
-// depend on the number of threads. `scratch`: one for each worker of the pool.
-bool factor_panel(const CholeskyKernels& kernels,
-                  double* panel,
-                  long ld,
-                  int columns,
-                  int rows,
-                  ThreadPool* pool,
-                  ProductScratch* scratch);
-
-// The forward solve of the kernels for every column of x (rows by columns, column-major without
-// gaps): parts of l that the cache holds meet them all. With the bits of one column by itself.
-void forward_columns(const CholeskyKernels& kernels,
-                     const double* l,
-                     long ld,
-                     int columns,
-                     Eigen::Ref<Eigen::MatrixXd> x);
-
-// Entries of sparse right-hand sides.
-using SparseEntries = std::vector<Eigen::Triplet<double>>;
-
-// A symmetric positive definite matrix by its lower triangle, column-major, and its factorisation
-// in place. Rows are padded to whole strips, the leading dimension to an odd number of cache lines
-// (a power of two would map whole rows to a few sets of the cache).
+// The lower triangle lies in strips of kStrip rows, each of them column by column as far as the
+// square on the diagonal. That is half the memory of a square matrix, and kernels read it without
+// gaps. Rows are padded to whole strips.
 //
 // The factorisation is our own because OpenBLAS' threads spin against ours, and tiles of its
 // single-threaded calls gained nothing from a second thread.
@@ -96,19 +32,20 @@ class DenseCholesky {
   explicit DenseCholesky(int size, const CholeskyKernels& kernels = cholesky_kernels());
 
   int size() const { return size_; }
-  // Column by column, `stride` apart; what lies above the diagonal is never read.
+  int padded_size() const { return kStrip * num_strips(); }
+  // Entry (row, column) of the lower triangle lies at row_places()[row] + kStrip · column; what
+  // lies above the diagonal is never read.
   std::span<double> values() { return matrix_; }
-  long stride() const { return ld_; }
-  double at(int row, int column) const {
-    return matrix_[static_cast<std::size_t>(column) * ld_ + row];
-  }
-  double& at(int row, int column) { return matrix_[static_cast<std::size_t>(column) * ld_ + row]; }
+  std::span<const std::int64_t> row_places() const { return row_places_; }
+  double at(int row, int column) const { return matrix_[place(row, column)]; }
+  double& at(int row, int column) { return matrix_[place(row, column)]; }
 
   void set_zero(ThreadPool& pool);
   // False if the matrix is not positive definite.
   bool factorize(ThreadPool& pool);
-  // x ← A⁻¹ x, of the leading part of A that has the size of x: its factor is that of L.
-  void solve(std::span<double> x) const;
+  // x ← A⁻¹ x, of the leading part of A with so many rows: its factor is that of L. Room for whole
+  // strips; what is behind those rows is overwritten.
+  void solve(std::span<double> x, int rows) const;
   // The same for every column.
   void solve(Eigen::MatrixXd& x, ThreadPool& pool) const;
   // xᵀ A⁻¹ x = BᵀB with B = L⁻¹ x, by one thread: half a solve, from the first entry of x on.
@@ -116,12 +53,16 @@ class DenseCholesky {
   double log_determinant() const;
 
  private:
+  int num_strips() const { return static_cast<int>(progress_.size()); }
+  std::size_t place(int row, int column) const {
+    return static_cast<std::size_t>(row_places_[row] + kStrip * std::int64_t{column});
+  }
+
   CholeskyKernels kernels_;
-  int padded_size_;
   int size_;
-  long ld_;
+  std::vector<std::int64_t> row_places_;
   AlignedVector<double> matrix_;
-  std::vector<ProductScratch> scratch_;
+  std::vector<StripProgress> progress_;  // of each strip
 };
 
 }  // namespace sfmcpp::linear

@@ -16,7 +16,7 @@
 #include "sfmcpp/core/parallel.hpp"
 #include "sfmcpp/linear/block_layout.hpp"
 #include "sfmcpp/linear/cholesky_kernels.hpp"
-#include "sfmcpp/linear/dense_cholesky.hpp"
+#include "sfmcpp/linear/panel_cholesky.hpp"
 #include "sfmcpp/linear/supernodes.hpp"
 
 namespace sfmcpp::linear {
@@ -136,6 +136,7 @@ class SupernodalCholesky {
   const Supernodes& s_;
   CholeskyKernels kernels_;
   AlignedVector<double> values_;
+  std::vector<std::int64_t> in_order_;            // 0, 1, 2, … for the rows of a block
   std::vector<AlignedVector<double>> triangles_;  // of each set of subtrees
   std::vector<UpdateMap> triangle_maps_;
   std::vector<ProductScratch> scratch_;  // of each thread
