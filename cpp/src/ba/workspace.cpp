@@ -7,6 +7,7 @@
 #include "sfmcpp/ba/check.hpp"
 #include "sfmcpp/ba/held_cameras.hpp"
 #include "sfmcpp/ba/rigs.hpp"
+#include "sfmcpp/core/buffer_store.hpp"
 #include "sfmcpp/core/error.hpp"
 #include "sfmcpp/math/statistics.hpp"
 
@@ -153,6 +154,33 @@ void hold_cameras(const Problem& problem,
   frames.hold_cameras(graph);
 }
 
+// The pages of the largest arrays of a solve, which the system makes while a thread has nothing
+// else to do: they would cost a small problem as much as a step. What was touched before has its
+// pages; what finds no room in the store is not of the store.
+class PagesAhead {
+ public:
+  PagesAhead(const Problem& problem, const ThreadPool& pool)
+      : store_(BufferStore::of_process()), begin_(store_.touched()), end_(begin_) {
+    // J, A|r, pixels and σ; V, Jᵀr, M, y and a sum.
+    constexpr std::size_t kBytesOfObservation = 240, kBytesOfPoint = 170;
+    const std::size_t end = kBytesOfObservation * problem.point_index.size() +
+                            kBytesOfPoint * static_cast<std::size_t>(problem.num_points());
+    if (pool.num_threads() > 1 && end <= store_.size()) end_ = std::max(begin_, end);
+  }
+
+  int parts() const { return ThreadPool::num_parts(static_cast<long>(end_ - begin_), kPart); }
+  void populate(int part) const {
+    const std::size_t first = begin_ + static_cast<std::size_t>(part * kPart);
+    store_.populate(first, std::min(first + kPart, end_));
+  }
+
+ private:
+  static constexpr long kPart = 64L << 10;
+
+  BufferStore& store_;
+  std::size_t begin_, end_;
+};
+
 // The graph needs indices alone: it is made while the other numbers are checked.
 linear::ObservationGraph checked_graph(const Problem& problem,
                                        const SolveOptions& options,
@@ -169,9 +197,13 @@ linear::ObservationGraph checked_graph(const Problem& problem,
       check_indices(problem);
       graph = graph_of_this_rank(problem);
     };
+    const PagesAhead pages(problem, pool);
     pool.parallel_for_beside([&] { of_indices = thrown_by(use_indices); },
-                             1,
-                             [&](int) { of_values = thrown_by([&] { check_values(problem); }); });
+                             1 + pages.parts(),
+                             [&](int task) {
+                               if (task > 0) return pages.populate(task - 1);
+                               of_values = thrown_by([&] { check_values(problem); });
+                             });
     rethrow(of_indices);
     rethrow(of_values);
     check_rigs(problem);

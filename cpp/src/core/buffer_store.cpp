@@ -80,6 +80,7 @@ void* BufferStore::allocate(std::size_t bytes) {
   gap->begin += wanted;
   if (gap->begin == gap->end) erase(gap);
   ++num_arrays_;
+  touched_ = std::max<std::size_t>(touched_, memory + wanted - begin_);
   return memory;
 }
 
@@ -103,6 +104,16 @@ bool BufferStore::take_back(void* memory, std::size_t bytes) {
     insert(next, {begin, end});
   }
   return true;
+}
+
+void BufferStore::populate(std::size_t begin, std::size_t end) {
+#if defined(MADV_POPULATE_WRITE)
+  constexpr std::size_t kPage = 4096;
+  const std::size_t first = rounded(begin, kPage), last = std::min(end, size_) / kPage * kPage;
+  if (first < last) static_cast<void>(madvise(begin_ + first, last - first, MADV_POPULATE_WRITE));
+#else
+  static_cast<void>(begin), static_cast<void>(end);
+#endif
 }
 
 void BufferStore::insert(Gap* place, const Gap& gap) {

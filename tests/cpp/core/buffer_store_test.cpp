@@ -5,6 +5,10 @@
 #include <random>
 #include <vector>
 
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
 #include <gtest/gtest.h>
 
 #include "sfmcpp/core/aligned.hpp"
@@ -55,6 +59,29 @@ TEST_F(Store, ArraysNeverOverlapWhateverTheOrderTheyComeAndGoIn) {
     }
   }
 }
+
+#if defined(MADV_POPULATE_WRITE)
+TEST_F(Store, PagesMadeAheadAreThereAndKeepWhatArraysHold) {
+  constexpr std::size_t kPage = 4096, kBytes = 64 * kPage;
+  EXPECT_LE(store.touched(), kCacheLine);
+  Array array{static_cast<unsigned char*>(store.allocate(kBytes)), kBytes, 7};
+  EXPECT_EQ(store.touched(), kBytes);
+  std::memset(array.begin, array.mark, kPage);
+  std::vector<unsigned char> is_there(kBytes / kPage);
+  const auto count = [&] {
+    EXPECT_EQ(mincore(array.begin, kBytes, is_there.data()), 0);
+    return std::ranges::count_if(is_there, [](unsigned char there) { return (there & 1) != 0; });
+  };
+  ASSERT_EQ(count(), 1);
+  store.populate(0, kBytes / 2);
+  if (count() == 1) GTEST_SKIP() << "this system makes no pages ahead";
+  EXPECT_EQ(count(), 32);
+  std::memset(array.begin + kPage, array.mark, kBytes - kPage);
+  store.populate(0, kBytes);
+  EXPECT_TRUE(holds_its_mark(array));
+  store.populate(kSize - kPage, kSize + 5 * kPage);  // as far as the store goes
+}
+#endif
 
 TEST_F(Store, WhatIsGivenBackIsWholeAgain) {
   std::vector<void*> arrays;

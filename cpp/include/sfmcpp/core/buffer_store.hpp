@@ -10,6 +10,7 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <mutex>
 
@@ -30,6 +31,13 @@ class BufferStore {
   // False for memory that is not of this store.
   bool take_back(void* memory, std::size_t bytes);
 
+  // So many bytes from the beginning have been part of an array: their pages are there.
+  std::size_t touched() const { return touched_; }
+  // Has the system make the pages of [begin, end) ahead of those who touch them; for a thread that
+  // has nothing else to do.
+  void populate(std::size_t begin, std::size_t end);
+  std::size_t size() const { return size_; }
+
  private:
   // What is free, by address; neighbours are joined, so that there is at most one gap more than
   // arrays.
@@ -46,6 +54,7 @@ class BufferStore {
   char* begin_ = nullptr;
   std::size_t size_ = 0;
   std::size_t num_arrays_ = 0;
+  std::atomic<std::size_t> touched_{0};
   std::array<Gap, kMaxGaps> gaps_;
   std::size_t num_gaps_ = 0;
   std::mutex mutex_;
