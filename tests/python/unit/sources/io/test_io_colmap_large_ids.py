@@ -1,4 +1,4 @@
-"""Point ids of COLMAP models have 64 bits: text holds them exactly, and what is out of range is named as it stands."""
+"""Point ids of COLMAP models have 64 bits: text holds them exactly; errors name what stands there."""
 
 from __future__ import annotations
 
