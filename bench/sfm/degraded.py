@@ -27,6 +27,9 @@ from running import run_side
 from sfmcpp.errors import SfmcppError
 from sfmcpp.study.evaluation import ImagePoses, evaluate_model, read_truth
 
+# Where centres reach less than this part of their line beside it, rotations take part in the alignment.
+STRAIGHT = 0.1
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Make the copies, run each, print and write the table."""
@@ -105,7 +108,8 @@ def measured(
     if not row["registered"]:
         return row
     try:
-        errors = evaluate_model(folder / "model", turned_truth(truth, rolls)).to_dict()
+        true, by = turned_truth(truth, rolls), "poses" if is_straight(truth) else "positions"
+        errors = evaluate_model(folder / "model", true, align_by=by).to_dict()
     except SfmcppError as error:
         return {**row, "truth_error": str(error)}
     return {**row, "truth": errors, "extent": extent(truth)}
@@ -118,6 +122,13 @@ def turned_truth(truth: ImagePoses, rolls: dict[str, float]) -> ImagePoses:
     poses = truth.poses[[by_stem[Path(name).stem] for name in names]].copy()
     poses[:, :, :3] = poses[:, :, :3] @ camera_turns([rolls[name] for name in names])
     return ImagePoses(tuple(names), poses)
+
+
+def is_straight(truth: ImagePoses) -> bool:
+    """Whether the true centres are so near to a line that they hardly tell the rotation about it."""
+    centres = truth.poses[:, :, 3]
+    reach = np.linalg.svd(centres - centres.mean(axis=0), compute_uv=False)
+    return bool(reach[1] < STRAIGHT * reach[0])
 
 
 def extent(truth: ImagePoses) -> float:

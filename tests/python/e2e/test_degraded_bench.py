@@ -139,3 +139,14 @@ def test_what_is_no_copy_is_refused(
     with pytest.raises(SystemExit):
         bench.main([str(tmp_path), "--copies", "nosuch"])
     assert "no copy nosuch: must be of half, quarter" in capsys.readouterr().err
+
+
+def test_a_straight_drive_is_told_from_a_walk_around(bench: ModuleType) -> None:
+    from sfmcpp.study.evaluation import ImagePoses
+
+    poses = np.tile(np.eye(3, 4), (9, 1, 1))
+    poses[:, 2, 3], poses[:, 0, 3] = np.arange(9), 0.05 * np.arange(9) ** 2 / 9
+    names = tuple(f"{number}.jpg" for number in range(9))
+    assert bench.is_straight(ImagePoses(names, poses))
+    poses[:, 0, 3] *= 20
+    assert not bench.is_straight(ImagePoses(names, poses))
