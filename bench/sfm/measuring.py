@@ -38,9 +38,16 @@ def figures(image_set: ImageSet, folder: Path, run: dict[str, Any]) -> dict[str,
             "mean": float(np.nanmean(of_points)),
             "rms": float(np.sqrt(np.mean(errors**2))),
         },
+        "size": _first_size(problem),
         "intrinsics": dict(zip(problem.intrinsic_names, problem.intrinsics[0].tolist(), strict=True)),
     }
     return {**row, **_against_truth(image_set, problem)}
+
+
+def _first_size(problem: sfmcpp.Problem) -> list[int] | None:
+    """Width and height [px] of an image with the first intrinsics."""
+    sizes = problem.metadata.image_sizes
+    return None if sizes is None else sizes[int(np.argmin(problem.intrinsics_index))].tolist()
 
 
 def _against_truth(image_set: ImageSet, problem: sfmcpp.Problem) -> dict[str, Any]:

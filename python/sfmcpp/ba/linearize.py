@@ -48,10 +48,10 @@ class LinearModel:
     Covariances, leverages and what follows from them use the inverse of H. In the free gauge H is singular,
     unless fixed cameras, fixed points or constraints leave no similarity of the world free, and the datum
     says what covariances refer to. "cameras": the mean of the cameras, for the solution whose poses move
-    least, centres in units of their extent. Points that images hardly tell have no part in it. "all": the
-    Moore–Penrose pseudo-inverse, for the solution of least norm over all columns as they are, radians beside
-    lengths beside pixels. In the fixed gauge what is held has no column, and the plain inverse is meant. All
-    are for exact σ of observations; :attr:`variance_factor` estimates a factor that all may be off by.
+    least, centres in units of the largest distance of one from their mean. Points that images hardly tell
+    have no part in it. "all": the Moore–Penrose pseudo-inverse, for the solution of least norm over all
+    columns as they are, radians beside lengths beside pixels. In the fixed gauge what is held has no column,
+    and the plain inverse is meant. All are for exact σ; :attr:`variance_factor` estimates a factor of them.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sfmcpp.map import LocalProblem, Map
 from sfmcpp.model import Problem
-from sfmcpp.model.arrays import BoolArray, IndexArray
+from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.stops import heed_stop
@@ -20,6 +20,11 @@ ROUGH: dict[str, Any] = {"max_iterations": 12, "function_tolerance": 1e-3}
 FINE: dict[str, Any] = {"max_iterations": 50, "function_tolerance": 1e-7}
 # Observations of points that are known without a camera, from which its few images tell how its lens bends.
 _TIED = 100
+# Focal lengths of lenses in lengths of the longer side: shorter ones see 150° and more, which none draws with
+# straight lines, longer ones are those of telescopes.
+_LENSES = 0.13, 50.0
+# No lens moves the corners of an image by more than so many times their distance from the middle.
+_MOST_MOVED = 2.0
 _K1 = PERSPECTIVE.index("k1")
 
 
@@ -37,21 +42,68 @@ def adjust_around(world: Map, image: int, settings: IncrementalSettings) -> Loca
     return local
 
 
-def adjust_all(
-    world: Map, settings: IncrementalSettings, *, keep_intrinsics: bool = False, **options: Any
-) -> LocalProblem:
+def adjust_all(world: Map, settings: IncrementalSettings, **options: Any) -> LocalProblem:
     """Adjust all images with a pose, their points, and the intrinsics of cameras with enough images.
 
-    A stop leaves what has been reached.
+    Where distortion becomes that of no lens, there is none from then on: images that were taken along the way
+    that the camera looks leave it open beside the focal length, and all points would be outliers then.
+
+    A stop leaves what has been reached, or what was before.
     """
+    local, impossible = _adjusted_all(world, settings, keep_intrinsics=False, **options)
+    world.fixed_intrinsics[local.cameras[impossible], _K1:] = True
+    return local
+
+
+def adjust_young(
+    world: Map, settings: IncrementalSettings, *, keep_intrinsics: bool = False, **options: Any
+) -> LocalProblem:
+    """Adjust all of a model that grows, with all intrinsics held where a focal length became that of no lens.
+
+    More images tell them. A stop leaves what has been reached.
+    """
+    before = world.intrinsics.copy(), world.poses.copy(), world.points.copy()
+    local, _ = _adjusted_all(world, settings, keep_intrinsics=keep_intrinsics, **options)
+    free, focals = ~local.problem.fixed_intrinsics[:, 0], local.problem.intrinsics[:, 0]
+    if (free & impossible_focals(focals, world.camera_sizes[local.cameras].max(axis=1))).any():
+        world.intrinsics[:], world.poses[:], world.points[:] = before
+        local, _ = _adjusted_all(world, settings, keep_intrinsics=True, **options)
+    return local
+
+
+def _adjusted_all(
+    world: Map, settings: IncrementalSettings, *, keep_intrinsics: bool, **options: Any
+) -> tuple[LocalProblem, BoolArray]:
+    """What has been adjusted, and (G,) which of its cameras lost an impossible distortion."""
     local = world.whole_problem(2)
     if keep_intrinsics:
         local.problem.fixed_intrinsics[:] = True
     try:
         adjusted(world, settings, local, **options)
     finally:
+        impossible = _has_impossible_distortion(local.problem, world.camera_sizes[local.cameras])
+        if not impossible.any():
+            world.take(local)
+    if impossible.any():
+        local = world.whole_problem(2)
+        local.problem.intrinsics[impossible, _K1:] = 0.0
+        local.problem.fixed_intrinsics[impossible, _K1:] = True
+        adjusted(world, settings, local, **options)
         world.take(local)
-    return local
+    return local, impossible
+
+
+def impossible_focals(focals_px: FloatArray, sides_px: FloatArray) -> BoolArray:
+    """(n,) which focal lengths no lens has before images of such longer sides; 0 px: unknown, any may."""
+    shortest, longest = (sides_px * limit for limit in _LENSES)
+    return np.asarray((sides_px > 0) & ((focals_px < shortest) | (focals_px > longest)))
+
+
+def _has_impossible_distortion(problem: Problem, sizes: NDArray[np.int64]) -> BoolArray:
+    """(G,) which cameras have a free k1 that no lens has, in images of `sizes` (G, 2)."""
+    focals, k1 = problem.intrinsics[:, 0], problem.intrinsics[:, _K1]
+    corners = np.hypot(*(sizes / 2).T) / focals
+    return np.asarray(~problem.fixed_intrinsics[:, _K1] & (np.abs(k1) * corners**2 > _MOST_MOVED))
 
 
 def adjusted(

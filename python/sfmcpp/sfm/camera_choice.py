@@ -20,7 +20,7 @@ from sfmcpp.model import Problem
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.camera_models import PERSPECTIVE
 from sfmcpp.sensors.gps import LEAST_POSITIONS
-from sfmcpp.sfm.adjustment import FINE, adjusted
+from sfmcpp.sfm.adjustment import FINE, adjusted, impossible_focals
 from sfmcpp.sfm.cameras import Cameras
 from sfmcpp.sfm.intrinsics_sigmas import sigmas_of_intrinsics
 from sfmcpp.sfm.positions import Positions
@@ -49,9 +49,6 @@ _STEPS = (
 # An estimated aspect ratio beyond this factor is that of no camera: their pixels are square.
 _MOST_UNEVEN = 1.05
 _FOCAL, _ASPECT = PERSPECTIVE.index("f"), PERSPECTIVE.index("aspect")
-# Focal lengths of lenses in lengths of the longer side: shorter ones see 150° and more, which none draws with
-# straight lines, longer ones are those of telescopes.
-_LENSES = 0.13, 50.0
 # So much farther from positions of the images, in the root mean square, is no chance with a dozen of them.
 _BENT = 1.15
 
@@ -184,8 +181,7 @@ def _impossible_focals(models: Sequence[Map]) -> list[str]:
     for world in models:
         used = np.unique(world.image_cameras[world.registered])
         focals, sides = world.intrinsics[used, 0], world.camera_sizes[used].max(axis=1)
-        shortest, longest = (sides * limit for limit in _LENSES)
-        for k in np.flatnonzero((sides > 0) & ((focals < shortest) | (focals > longest)))[:1]:
+        for k in np.flatnonzero(impossible_focals(focals, sides))[:1]:
             warnings.append(
                 f"the focal length of {_camera_by_image(world, used[k])} is estimated as "
                 f"{focals[k]:.0f} px, in images of {sides[k]:.0f} px: no lens has that, the model is wrong"

@@ -25,7 +25,7 @@ from sfmcpp.sfm.settings import IncrementalSettings
 _LEAST_SHARE = 0.05
 # A guess is hardly worse than an estimate of which the half is σ.
 _HALF = 0.5
-_F = PERSPECTIVE.index("f")
+_F, _K1 = PERSPECTIVE.index("f"), PERSPECTIVE.index("k1")
 
 
 def hold_undetermined_focals(world: Map, cameras: Cameras, settings: IncrementalSettings) -> IndexArray:
@@ -53,6 +53,12 @@ def hold_undetermined_focals(world: Map, cameras: Cameras, settings: Incremental
     return np.array(list(found), dtype=np.int32)
 
 
+def held_distortions(world: Map, cameras: Cameras) -> IndexArray:
+    """(k,) numbers of cameras without distortion because what the images gave was that of no lens."""
+    held = world.fixed_intrinsics[:, _K1] & ~cameras.fixed[:, _K1]
+    return np.flatnonzero(held).astype(np.int32)
+
+
 def settle_focals_by_images(world: Map, cameras: Cameras, settings: IncrementalSettings) -> list[str]:
     """Hold what the images of a finished model do not determine, and warn of all that is held.
 
@@ -65,7 +71,8 @@ def settle_focals_by_images(world: Map, cameras: Cameras, settings: IncrementalS
         _hold(world, cameras, more)
         adjust_all(world, settings, **FINE)
     found |= {int(k): max(found.get(int(k), 0.0), _LEAST_SHARE) for k in np.flatnonzero(held)}
-    return _warnings(world, found, "the images do") + _moved(world, cameras, found)
+    warnings = _warnings(world, found, "the images do") + _moved(world, cameras, found)
+    return warnings or _undetermined_distortions(world, cameras)
 
 
 def settle_focals_by_positions(
@@ -162,6 +169,20 @@ def _moved(world: Map, cameras: Cameras, undetermined: dict[int, float]) -> list
         f"the focal length of the camera of {name} is estimated as {world.intrinsics[worst, _F]:.0f} px, "
         f"{change[worst]:+.0%} from the {cameras.intrinsics[worst, _F]:.0f} px that are told: camera model "
         f"{cameras.names[worst]}, as named, estimates it; --camera-model fixed holds it"
+    ]
+
+
+def _undetermined_distortions(world: Map, cameras: Cameras) -> list[str]:
+    held = held_distortions(world, cameras)
+    held = held[np.isin(held, world.image_cameras[world.registered])]
+    if not len(held):
+        return []
+    name = world.image_names[np.flatnonzero(world.registered & (world.image_cameras == held[0]))[0]]
+    return [
+        f"the images do not determine the focal length (camera of {name}, estimated as "
+        f"{world.intrinsics[held[0], _F]:.0f} px) beside the distortion, which was that of no lens and is "
+        "taken as none: heights and depths may be wrong by a factor; give a calibrated camera (--camera "
+        "K.txt)"
     ]
 
 

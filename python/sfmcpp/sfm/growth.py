@@ -18,10 +18,10 @@ from sfmcpp.geometry import (
 from sfmcpp.map import Map
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.threads import on_threads, thread_count
-from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around
+from sfmcpp.sfm.adjustment import FINE, ROUGH, adjust_all, adjust_around, adjust_young
 from sfmcpp.sfm.camera_choice import choose_camera_model
 from sfmcpp.sfm.contradictions import epipolar_errors_px
-from sfmcpp.sfm.focal_lengths import hold_undetermined_focals
+from sfmcpp.sfm.focal_lengths import held_distortions, hold_undetermined_focals
 from sfmcpp.sfm.loops import close_loops
 from sfmcpp.sfm.map_backup import MapBackup
 from sfmcpp.sfm.match_graph import Pair
@@ -204,7 +204,10 @@ class Growth:
             open_ones = hold_undetermined_focals(self.world, self._scene.cameras, self._settings)
             if len(open_ones):
                 self._adjust_until_stable()
-            choose_camera_model(self.world, self._settings, self._scene.positions, open_ones)
+            if not self.world.registered.any():  # where it is held, nothing fits
+                return
+            simple = np.union1d(open_ones, held_distortions(self.world, self._scene.cameras))
+            choose_camera_model(self.world, self._settings, self._scene.positions, simple)
             self._adjust_until_stable()
 
     def _adjust_until_stable(self) -> None:
@@ -344,9 +347,10 @@ class Growth:
         for _ in range(rounds):
             if not world.registered.any():  # all have lost their points
                 break
-            local = adjust_all(
-                world, self._settings, keep_intrinsics=keep_intrinsics, **(FINE if fine else ROUGH)
-            )
+            if fine:
+                local = adjust_all(world, self._settings, **FINE)
+            else:
+                local = adjust_young(world, self._settings, keep_intrinsics=keep_intrinsics, **ROUGH)
             changed = structure.drop_outliers(local)
             self._give_up_lost_images()
             registered = np.flatnonzero(world.registered)
@@ -386,9 +390,11 @@ class Growth:
         return sum(int(np.count_nonzero(some <= _FAR * self._settings.outlier_px)) for some in errors)
 
     def _give_up_lost_images(self) -> None:
-        """Take the pose from images that hardly see a point any more."""
+        """Take the pose from images that hardly see a point any more, and from one that is left alone."""
         world, sightings = self.world, self.structure.sightings
         sightings.update()
         lost = world.registered & (sightings.counts < self._settings.min_inliers // 2)
+        if np.count_nonzero(world.registered & ~lost) == 1:
+            lost = world.registered
         world.poses[lost] = np.nan
         self._losses += lost

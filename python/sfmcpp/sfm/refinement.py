@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry import reprojection_errors_px
 from sfmcpp.map import Map
@@ -12,6 +14,7 @@ from sfmcpp.model.photos import Photo
 from sfmcpp.model.threads import Progress, no_progress
 from sfmcpp.sfm.adjustment import FINE, adjust_all
 from sfmcpp.sfm.settings import IncrementalSettings
+from sfmcpp.sfm.structure import are_in_cameras
 from sfmcpp.sfm.subpixel import SubpixelOutcome, refine_tracks
 
 
@@ -80,4 +83,5 @@ def refine_models(
 def _adjust(world: Map, settings: IncrementalSettings) -> None:
     local = adjust_all(world, settings, **FINE)
     far = reprojection_errors_px(local.problem, local.problem.points) > settings.outlier_px
+    world.points[local.points[are_in_cameras(local.problem)]] = np.nan
     world.drop(local, far, max(2, settings.min_views))

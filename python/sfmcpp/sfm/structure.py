@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.geometry import (
+    depths,
     reprojection_errors_px,
     robust_triangulation,
     triangulation_angles_deg,
@@ -17,6 +18,8 @@ from sfmcpp.sfm.settings import IncrementalSettings
 from sfmcpp.sfm.tracks import NO_TRACK, TrackMembers
 
 Numbers = NDArray[np.intp]
+# A point so much nearer than the usual one makes all else that a camera sees disappear beside it.
+_IN_CAMERA = 1e-5
 
 
 class Sightings:
@@ -228,10 +231,24 @@ class Structure:
         return fits
 
     def drop_outliers(self, local: LocalProblem) -> int:
-        """Leave out observations with large errors and points under small angles; how many observations."""
+        """Leave out observations with large errors and points under small angles; how many observations.
+
+        So are points that have moved into a camera, where they fit any pixel.
+        """
         problem, settings = local.problem, self._settings
         outliers = reprojection_errors_px(problem, problem.points) > settings.outlier_px
         narrow = triangulation_angles_deg(problem, problem.points) < settings.min_angle_deg
         self.world.drop(local, outliers, self._min_views)
-        self.world.points[local.points[narrow]] = np.nan
+        self.world.points[local.points[narrow | are_in_cameras(problem)]] = np.nan
         return int(np.count_nonzero(outliers))
+
+
+def are_in_cameras(problem: Problem) -> BoolArray:
+    """(N,) which points are at no distance from a camera that sees them: it has them at any pixel."""
+    if not problem.num_observations:
+        return np.zeros(problem.num_points, dtype=np.bool_)
+    distances = np.abs(depths(problem, problem.points))
+    inside = distances < _IN_CAMERA * np.median(distances)
+    found = np.zeros(problem.num_points, dtype=np.bool_)
+    found[problem.point_index[inside]] = True
+    return found

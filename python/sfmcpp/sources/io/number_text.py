@@ -24,8 +24,11 @@ from sfmcpp.sources.io.files import read_pieces
 TokenSet = slice | NDArray[np.int64]
 
 _WORD = re.compile(rb"\S+")
+_DIGITS = re.compile(rb"[+-]?[0-9]{1,400}")
 _LONGEST_QUOTE = 40
 _MOST = 1 << 62
+# From here on a float is not every whole number.
+_INEXACT = 2.0**53
 
 
 @dataclass(frozen=True)
@@ -80,12 +83,20 @@ class NumberText:
         return Lines(first, count, number + self._before)
 
     def integers(self, tokens: TokenSet, what: str, lowest: int, highest: int) -> NDArray[np.int64]:
-        """Numbers at `tokens` as integers, each from `lowest` to `highest`, or a DatasetError naming one."""
+        """Numbers at `tokens` as integers, each from `lowest` to `highest`, or a DatasetError naming one.
+
+        Those beyond 2⁵³ are exact, too; `highest` is less than 2⁶³.
+        """
         values = self.values[tokens]
+        large = np.flatnonzero(np.abs(values) >= _INEXACT)
+        of_large = np.arange(len(self.values))[tokens][large].tolist() if len(large) else []
+        exact = [self._exact_integer(token, what, lowest, highest) for token in of_large]
         fault = first_no_integer(values, what, lowest, highest)
         if fault is not None:
             raise self.error(fault[1], self.token_at(tokens, fault[0]))
-        return values.astype(np.int64)
+        integers = values.astype(np.int64)
+        integers[large] = exact
+        return integers
 
     def token_at(self, tokens: TokenSet, row: int) -> int:
         """Index of the number that is at place `row` of `tokens`."""
@@ -97,6 +108,19 @@ class NumberText:
             line = int(np.argmin(good))
             reason = f"the line holds {self.lines.count[line]} numbers: must be {rule}"
             raise DatasetError(self.path, reason, int(self.lines.number[line]))
+
+    def _exact_integer(self, token: int, what: str, lowest: int, highest: int) -> int:
+        row = int(np.searchsorted(self.lines.first, token, side="right")) - 1
+        line = self._text_lines[int(self.lines.number[row]) - self._before - 1]
+        word = line.split()[token - int(self.lines.first[row])]
+        number = int(word) if _DIGITS.fullmatch(word) else int(self.values[token])
+        if not lowest <= number <= highest:
+            raise self.error(_integer_fault(what, str(number), lowest, highest), token)
+        return number
+
+    @cached_property
+    def _text_lines(self) -> list[bytes]:
+        return self._data.split(b"\n")
 
     def _not_a_number(self, byte: int) -> DatasetError:
         word = cast(re.Match[bytes], _WORD.search(self._data, byte))[0]
@@ -213,8 +237,13 @@ def first_no_integer(values: FloatArray, what: str, lowest: int, highest: int) -
     if good.all():
         return None
     worst = int(np.argmin(good))
+    return worst, _integer_fault(what, f"{values[worst]:.17g}", lowest, highest)
+
+
+def _integer_fault(what: str, number: str, lowest: int, highest: int) -> str:
+    """What is wrong with a number that is no integer from `lowest` to `highest`."""
     rule = f"must be an integer from {lowest} to {highest}" if highest >= lowest else "there are none"
-    return worst, f"{what} {values[worst]:.17g}: {rule}"
+    return f"{what} {number}: {rule}"
 
 
 def _texts(path: Path) -> Iterator[NumberText]:

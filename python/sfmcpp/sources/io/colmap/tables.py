@@ -15,7 +15,8 @@ from sfmcpp.sources.io.rows import exclusive_sums, tokens_of_items
 Int64Array = NDArray[np.int64]
 NO_POINT = -1
 LARGEST_ID = 2**32 - 2
-LARGEST_POINT_ID = 2**53
+# They have 64 bits there; the next ones of a map that grows must have room above them.
+LARGEST_POINT_ID = 2**62
 
 
 @dataclass

@@ -224,7 +224,7 @@ def test_intrinsics_without_a_place_are_refused_by_name(tmp_path: Path, name: st
     [
         ("colmap_camera_ids", [-1], "its id must be from 0"),
         ("colmap_image_ids", [5, 5], "id 5 is used twice"),
-        ("colmap_point_ids", [2**60], "its id must be from 0"),
+        ("colmap_point_ids", [2**62 + 1], "its id must be from 0"),
         ("colmap_point_ids", [1, 2], "has 2 entries: must be 1"),
         ("colmap_camera_sizes", [[-1, 5]], "its image size must be from 0"),
         ("colmap_loose_pixels", [[np.inf, 1], [2, 3]], "keypoints is not finite"),
