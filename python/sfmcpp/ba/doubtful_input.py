@@ -88,12 +88,14 @@ def short_focal(problem: Problem, intrinsics: FloatArray) -> str | None:
     x, y = problem.pixels[_sample(problem)].T
     if centres is not None:
         x, y = x - centres[rows, 0], y - centres[rows, 1]
-    radii = np.hypot(x, y)
-    beyond = (radii > _BEYOND_LENSES * focals[rows]) & (focals[rows] > 0)
+    with np.errstate(over="ignore"):
+        largest = ((_BEYOND_LENSES * focals) ** 2)[rows]
+        beyond = (x * x + y * y > largest) & (largest > 0)
     share = np.count_nonzero(beyond) / len(rows)
     if share <= _MOST_OF_IMAGE:
         return None
-    focal, radius = float(np.median(focals[rows][beyond])), float(np.median(radii[beyond]))
+    focal = float(np.median(focals[rows][beyond]))
+    radius = float(np.median(np.hypot(x[beyond], y[beyond])))
     angle = math.degrees(math.atan2(radius, focal))
     return (
         f"f = {focal:.4g} px, with pixels {radius:.3g} px from the principal point, is a view {angle:.0f}° "
