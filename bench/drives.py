@@ -2,7 +2,7 @@
 
     python bench/drives.py [--drives tuning|reporting|all|0027 …] [--seeds N] [--tracks SHARE]
                            [--slam window=3 …] [--fault bias=5 slip=0.8]
-                           [--blackout SECONDS] [--out FILE]
+                           [--blackout SECONDS] [--share 0.01] [--out FILE]
 
 Settings are chosen on the drives for tuning, 0001, 0027, 0036 and 0039 of `$SFMCPP_DATA/kitti_tracks`, and on
 no other; 0005, 0051, 0095, 0020 and kitti_clip, whose images are tracked here, are for reporting.
@@ -16,7 +16,8 @@ intervals. Further seeds move the pixels by 1e-6 of one; with `--tracks 0.95` ea
 rate or a factor on the speed (`smooth=true`: little by little), lasts a fifth of the run, from its second
 fifth on, or with `throughout=true` all of it; stamps late by `clock` seconds and a camera turned by
 `mounting` degrees are wrong all the time; a blackout is in the middle. `--sensors none stereo` takes the
-right images, too; the clip has none. `distances` takes no directions from the odometer. A part of a drive is
+right images, too; the clip has none. `distances` takes no directions from the odometer, and `--share` is what
+an odometer declares of the distance as its standard deviation. A part of a drive is
 `0036:1/2`, and `0036@stops` a drive as it might have been: see `experiments/altered_drives.py`;
 `simulated/u-turn` or `"simulated/usual, late streams"` is one of `experiments/other_motions.py`. All faults
 in one table: bench/faulty_sensors.py.
@@ -35,6 +36,7 @@ from typing import Any
 import numpy as np
 from experiments.altered_drives import with_some_tracks
 from experiments.description import Row
+from experiments.drive_names import drive_name
 from experiments.drives import median, run_setting
 from experiments.faults import SensorFaults
 from experiments.inputs import PROCESSES, TUNING, dead_reckoning, moved
@@ -77,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = {"tuning": TUNING, "reporting": REPORTING, "all": TUNING + REPORTING}
     drives = [name for word in args.drives for name in names.get(word, (word,))]
     options = {"slam": dict(args.slam), "fault": dict(args.fault)}
-    options |= {"blackout": args.blackout, "tracks": args.tracks}
+    options |= {"blackout": args.blackout, "tracks": args.tracks, "share": args.share}
     asked = list(product(drives, args.sensors, range(args.seeds)))
     with ProcessPoolExecutor(PROCESSES) as pool:
         found = list(pool.map(run, asked, [options] * len(asked)))
@@ -149,7 +151,7 @@ def run(asked: tuple[str, str, int], options: Row) -> Row:
     drive = with_blackout(_drawn(read(name), seed, options.get("tracks", 1.0)), options["blackout"])
     slam = dict(options["slam"])
     setting = {"sensors": ALL[label], "weights": slam.pop("weights", "loo"), "slam": slam}
-    setting["stereo"] = label in STEREO
+    setting |= {"stereo": label in STEREO, "share": options.get("share")}
     result = run_setting(drive, setting, faults_of(drive, options["fault"]))
     row: Row = {"drive": name, "sensors": label, "seed": seed, "frames": len(drive.t_s)}
     row |= {"posed": len(result.poses), "error_m": None, "bend": None}
@@ -195,7 +197,7 @@ def bend(found: Evaluation) -> float | None:
 def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--drives", nargs="+", default=["tuning"])
+    parser.add_argument("--drives", type=drive_name, nargs="+", default=["tuning"])
     parser.add_argument("--sensors", nargs="+", default=list(SENSORS), choices=list(ALL))
     parser.add_argument("--seeds", type=int, default=1, help="runs of each, all but one with moved pixels")
     parser.add_argument("--tracks", type=float, default=1.0, metavar="SHARE", help="drawn by each seed")
@@ -203,6 +205,7 @@ def _parser() -> argparse.ArgumentParser:
     faults = "|".join(_FAULTS) + "=VALUE"
     parser.add_argument("--fault", nargs="*", default=[], type=assignment, metavar=faults)
     parser.add_argument("--blackout", type=float, default=0.0, metavar="SECONDS")
+    parser.add_argument("--share", type=float, help="declared by an odometer; default: that of its class")
     parser.add_argument("--out", type=Path, help="JSON file of all runs")
     return parser
 

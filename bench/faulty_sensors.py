@@ -1,7 +1,7 @@
 """Faulty sensors against the camera alone: what a bias, slip, clock or mounting costs, and if it is named.
 
     python bench/faulty_sensors.py [--drives 0001 0036:1/2 …] [--faults "bias 5" …] [--seeds N] [--slam …]
-                                   [--out FILE]
+                                   [--share 0.01] [--out FILE]
 
 A part of a drive is `number:k/n`; by default these are eight parts of the drives for tuning, of some hundred
 frames each. A line for each fault: median and worst of `over none` of bench/drives.py, where the worst was,
@@ -9,7 +9,7 @@ and in how many runs a warning named a sensor. Fault-free sensors come first: th
 Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run, or all of it where that
 is said; a smooth slip grows to its factor and falls again; stamps late by as many seconds and a mounting
 turned about the vertical are wrong all the time, and the same for both sensors; reversed velocities have the
-wrong signs all the time.
+wrong signs all the time. `--share` is what an odometer declares of the distance as its standard deviation.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from functools import partial
 from pathlib import Path
 
 from experiments.description import Row
+from experiments.drive_names import drive_name
 from experiments.drives import median
 from experiments.inputs import PROCESSES
 from experiments.text_table import text_table
@@ -57,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for seed in range(args.seeds)
     ]
     with ProcessPoolExecutor(PROCESSES) as pool:
-        found = list(pool.map(partial(_run, slam=dict(args.slam)), asked))
+        found = list(pool.map(partial(_run, slam=dict(args.slam), share=args.share), asked))
     columns = ["fault", *(f"{s} {what}" for s in SENSORS for what in WHAT)]
     print(text_table(columns, table(found, args.faults)))
     if args.out:
@@ -89,19 +90,20 @@ def _line(fault: str, found: Sequence[Row]) -> Row:
     return line
 
 
-def _run(asked: tuple[str, str, str, int], slam: Row) -> Row:
+def _run(asked: tuple[str, str, str, int], slam: Row, share: float | None) -> Row:
     fault, drive, sensors, seed = asked
-    options = {"slam": slam, "fault": FAULTS[fault], "blackout": 0.0}
+    options = {"slam": slam, "fault": FAULTS[fault], "blackout": 0.0, "share": share}
     return run((drive, sensors, seed), options) | {"fault": fault}
 
 
 def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("--drives", nargs="+", default=list(PARTS))
+    parser.add_argument("--drives", type=drive_name, nargs="+", default=list(PARTS))
     parser.add_argument("--faults", nargs="+", default=list(FAULTS), choices=list(FAULTS))
     parser.add_argument("--seeds", type=int, default=1, help="runs of each, all but one with moved pixels")
     parser.add_argument("--slam", nargs="*", default=[], type=assignment, metavar="NAME=VALUE")
+    parser.add_argument("--share", type=float, help="declared by an odometer; default: that of its class")
     parser.add_argument("--out", type=Path, help="JSON file of all runs")
     return parser
 

@@ -17,6 +17,7 @@ from itertools import product
 
 import numpy as np
 from experiments.description import Row
+from experiments.drive_names import drive_name
 from experiments.drives import run_setting
 from experiments.inputs import PROCESSES, TUNING
 from experiments.real_drives import read
@@ -41,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--drives", nargs="+", default=["tuning"])
+    parser.add_argument("--drives", type=drive_name, nargs="+", default=["tuning"])
     names = {"tuning": variants(TUNING), "reporting": variants(("0005", "0051", "0095"))}
     drives = [name for word in parser.parse_args(arguments).drives for name in names.get(word, [word])]
     with ProcessPoolExecutor(PROCESSES) as pool:

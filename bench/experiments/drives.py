@@ -26,7 +26,7 @@ from experiments.inputs import (
 from experiments.pictures import grouped_bars
 from sfmcpp.model import Trajectory
 from sfmcpp.model.arrays import FloatArray
-from sfmcpp.slam import SlamResult, SlamSettings, run_slam
+from sfmcpp.slam import Odometer, SlamResult, SlamSettings, run_slam
 from sfmcpp.study.evaluation.evaluate import Evaluation, evaluate
 from sfmcpp.study.plotting.style import new_figure, style_axes
 from sfmcpp.weighting import filter_trajectory
@@ -173,9 +173,15 @@ def _measured(line: Row, drive: Drive, trajectory: Trajectory, *, metric: bool) 
 
 
 def run_setting(drive: Drive, setting: Row, faults: SensorFaults | None = None) -> SlamResult:
-    """Run SLAM with the sensors, weights and further settings of a line of a TOML file."""
+    """Run SLAM with the sensors, weights and further settings of a line of a TOML file.
+
+    An odometer declares the `share` of the distance, if there is one.
+    """
     settings = SlamSettings(weights=setting.get("weights", "loo"), **setting.get("slam", {}))
-    sensors = [sensor_of_drive(drive, name, faults) for name in setting["sensors"]]
+    share = setting.get("share")
+    declared = {} if share is None else {"relative_sigma": share}
+    made = [sensor_of_drive(drive, name, faults) for name in setting["sensors"]]
+    sensors = [replace(s, **declared) if isinstance(s, Odometer) else s for s in made]
     return run_slam(sequence_of(drive, setting.get("stereo", False)), settings, sensors)
 
 

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from experiments.altered_drives import ALTERED, STREAMS, rows_of
+from experiments.drive_names import CLIP, SIMULATED
 from experiments.other_motions import simulated
 from experiments.real_problems import data_folder
 from sfmcpp.model import SensorStream, Trajectory
@@ -21,15 +22,15 @@ def read(name: str) -> KittiDrive:
 
     ``simulated/u-turn`` is one of `other_motions`.
     """
-    if name.startswith("simulated/"):
-        return simulated(name.removeprefix("simulated/"))
+    if name.startswith(SIMULATED):
+        return simulated(name.removeprefix(SIMULATED))
     name, _, change = name.partition("@")
     if change:
         return ALTERED[change](read(name))
     name, _, part = name.partition(":")
     if part:
         return _part(read(name), *map(int, part.split("/")))
-    if name == "clip":
+    if name == CLIP:
         return _clip()
     (file,) = sorted((data_folder() / "kitti_tracks").glob(f"*_drive_{name}_*.mat"))
     return read_kitti_mat(file)

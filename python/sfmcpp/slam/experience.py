@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 
 import numpy as np
 
 from sfmcpp.model import Gap
 from sfmcpp.model.weight_selection import ConflictReport
+from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS, Measurement
 from sfmcpp.weighting.conflict import chi_square_median
 
 # Keyframes whose innovations give a standard deviation.
@@ -43,6 +44,11 @@ _RESTORED_AFTER = 4
 _LEADING_SIGMAS, _MARGIN_S = 1.5, 0.5
 # Fault-free sensors came to no more in the median of a run; what lasts for half of it is usual itself.
 _LARGEST_USUAL = 3.0
+# The error of a speed grows no faster without a leap that its stream shows: a body brakes by no more, and a
+# slip to 0.6 or 1.4 that lasts for two seconds makes as much of 13 m/s.
+_LARGEST_GROWTH_M_S2 = 8.0
+# A shorter step does not tell by how much a speed is off [s].
+_SHORTEST_S = 0.1
 # Median of the absolute value of a standard normal number.
 _MEDIAN_SIGMAS = 0.6745
 
@@ -59,6 +65,8 @@ class Experience:
         The time that each is of [s].
     explained : set of int
         Places of the reports in conflicts that ended as the map was moved to the sensor.
+    refuted : set of int
+        Places of the reports that say nothing against the sensor, as the images were wrong.
     sigma : float or None
         Standard deviation estimated from the innovations of the first keyframes, where none is declared: the
         errors at the poses of the images alone, less what the noise of the images makes of them. Medians, so
@@ -69,9 +77,12 @@ class Experience:
     stretches: list[Gap] = field(default_factory=list)
     sigma: float | None = None
     explained: set[int] = field(default_factory=set)
+    refuted: set[int] = field(default_factory=set)
 
-    def add(self, report: ConflictReport, stretch: Gap) -> None:
-        """Take the next keyframe, and the time from the one before to it."""
+    def add(self, report: ConflictReport, stretch: Gap, *, refuted: bool = False) -> None:
+        """Take the next keyframe, and the time from the one before to it; `refuted`: its images are wrong."""
+        if refuted:
+            self.refuted.add(len(self.reports))
         self.reports.append(report)
         self.stretches.append(stretch)
         undeclared = report.sensor_sigma is None
@@ -93,7 +104,7 @@ class Experience:
                 f"{name}: no standard deviation is declared; {self.sigma:.2g} {self.reports[0].unit} was "
                 f"estimated from the images at its first {KEYFRAMES_OF_SIGMA} keyframes"
             )
-        places = _worst_conflict(self.reports, self.explained)
+        places = self._worst_conflict()
         if places:
             worst = [self.reports[k] for k in places]
             sentences.append(
@@ -111,18 +122,18 @@ class Experience:
     @property
     def is_denied(self) -> bool:
         """Whether the latest keyframes contradict it for so long, or so strongly, that it is no chance."""
-        backwards = (k for k in reversed(range(len(self.reports))) if _is_judged(self.reports, k))
+        backwards = (k for k in reversed(range(len(self.reports))) if self._is_judged(k))
         latest = [*takewhile(lambda k: self.reports[k].conflicting, backwards)][::-1]
         if not latest:  # as a rule: this is asked at every keyframe
             return False
-        judged = _judged(self.reports)
+        judged = self._judged()
         power = _strength(self.reports, latest, _usual_sigmas(self.reports, judged))
         return _is_no_chance(len(latest), power, len(judged))
 
     @property
     def denied(self) -> Gap | None:
         """Time span of the worst conflict, with its onset and end; None where there is none."""
-        worst = _worst_conflict(self.reports, self.explained)
+        worst = self._worst_conflict()
         if not worst:
             return None
         first, last = worst[0], worst[-1]
@@ -131,6 +142,62 @@ class Experience:
         while last + 1 < len(self.reports) and self.reports[last + 1].sigmas > _LEADING_SIGMAS:
             last += 1
         return Gap(self.stretches[first].start_s - _MARGIN_S, self.stretches[last].end_s + _MARGIN_S)
+
+    def reach_m(self, start_s: float, end_s: float) -> float:
+        """How far a step of an odometer between two times can be off, beside noise [m].
+
+        A body has inertia, and a stream that leaps has no weight: an odometer that agreed with the images at
+        the keyframe before is not off by metres at the next. One in conflict has no bound, unless it is the
+        images that are wrong: until they agree again, nothing they say counts against it.
+        """
+        if not self.reports:
+            return math.inf
+        last, stretch = self.reports[-1], self.stretches[-1]
+        if last.conflicting:
+            return 0.0 if len(self.reports) - 1 in self.refuted else math.inf
+        off_m_s = last.discrepancy / max(stretch.end_s - stretch.start_s, _SHORTEST_S)
+        off_m_s += _LARGEST_GROWTH_M_S2 * max(start_s - stretch.end_s, 0.0)
+        step_s = end_s - start_s
+        return off_m_s * step_s + 0.5 * _LARGEST_GROWTH_M_S2 * step_s**2
+
+    def _worst_conflict(self) -> list[int]:
+        """The worst stretch of reports in conflict, by their places; empty if none is long or strong enough.
+
+        One that is not explained is worse than those that are.
+        """
+        judged = self._judged()
+        stretches: list[list[int]] = [[]]
+        for k in judged:
+            if self.reports[k].conflicting:
+                stretches[-1].append(k)
+            elif stretches[-1]:
+                stretches.append([])
+        usual = _usual_sigmas(self.reports, judged)
+        conflicts = [
+            (not self.explained.issuperset(stretch), power, stretch)
+            for stretch in stretches
+            if _is_no_chance(len(stretch), power := _strength(self.reports, stretch, usual), len(judged))
+        ]
+        return max(conflicts)[2] if conflicts else []
+
+    def _judged(self) -> list[int]:
+        """Places of the reports that count."""
+        return [k for k in range(len(self.reports)) if self._is_judged(k)]
+
+    def _is_judged(self, k: int) -> bool:
+        """Whether a report is of enough points, which are right and have not lost their scale just before."""
+        if self.reports[k].observations < _FEWEST_POINTS or k in self.refuted:
+            return False
+        just_before = self.reports[max(k - _RESTORED_AFTER, 0) : k + 1]
+        return self.reports[k].unit != "m" or all(r.observations >= _LOST_POINTS for r in just_before)
+
+
+def informed(measurement: Measurement, known: Experience, start_s: float, end_s: float) -> Measurement:
+    """A measurement between two times [s], with what is known of its sensor: σ, and how far it can be off."""
+    of_motion = measurement.kind in METRIC_KINDS and measurement.kind not in PLACE_KINDS
+    reach = known.reach_m(start_s, end_s) if of_motion else math.inf
+    sigma = known.sigma if measurement.sigma is None else measurement.sigma
+    return replace(measurement, sigma=sigma, reach=reach)
 
 
 def _sigma_of(reports: list[ConflictReport]) -> float:
@@ -143,27 +210,6 @@ def _sigma_of(reports: list[ConflictReport]) -> float:
 
 def _keyframes(count: int) -> str:
     return "1 keyframe" if count == 1 else f"{count} consecutive keyframes"
-
-
-def _worst_conflict(reports: list[ConflictReport], explained: set[int]) -> list[int]:
-    """The worst stretch of reports in conflict, by their places; empty if none is long or strong enough.
-
-    One that is not explained is worse than those that are.
-    """
-    judged = _judged(reports)
-    stretches: list[list[int]] = [[]]
-    for k in judged:
-        if reports[k].conflicting:
-            stretches[-1].append(k)
-        elif stretches[-1]:
-            stretches.append([])
-    usual = _usual_sigmas(reports, judged)
-    conflicts = [
-        (not explained.issuperset(stretch), power, stretch)
-        for stretch in stretches
-        if _is_no_chance(len(stretch), power := _strength(reports, stretch, usual), len(judged))
-    ]
-    return max(conflicts)[2] if conflicts else []
 
 
 def _is_no_chance(in_a_row: int, power: float, judged: int) -> bool:
@@ -181,19 +227,6 @@ def _usual_sigmas(reports: list[ConflictReport], judged: list[int]) -> float:
 def _strength(reports: list[ConflictReport], stretch: list[int], usual: float) -> float:
     """Sum of the squares of conflicts in a row, in units of what is usual."""
     return float(np.sum((np.array([reports[k].sigmas for k in stretch]) / usual) ** 2))
-
-
-def _judged(reports: list[ConflictReport]) -> list[int]:
-    """Places of the reports that count."""
-    return [k for k in range(len(reports)) if _is_judged(reports, k)]
-
-
-def _is_judged(reports: list[ConflictReport], k: int) -> bool:
-    """Whether a report is of enough points, which have not lost their scale just before."""
-    if reports[k].observations < _FEWEST_POINTS:
-        return False
-    just_before = reports[max(k - _RESTORED_AFTER, 0) : k + 1]
-    return reports[k].unit != "m" or all(report.observations >= _LOST_POINTS for report in just_before)
 
 
 def _limits(count: int) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 
@@ -46,11 +46,14 @@ class Fused:
         With the weights chosen.
     selections : list of WeightSelection
         The whole curves, in the same order; empty where the weights are those usual so far.
+    images_wrong : bool
+        Whether a sensor is farther from the images than it can be off.
     """
 
     pose: FloatArray
     constraints: list[WeightedMeasurement]
     selections: list[WeightSelection] = field(default_factory=list)
+    images_wrong: bool = False
 
 
 def fuse(
@@ -70,11 +73,15 @@ def fuse(
     constraints = [pose_constraint(m, world.keyframes[-1].pose) for m in measurements]
     bounds = settings.weight_bounds
     selections = select_weights(images, constraints, pose, methods, bounds=bounds, threads=0)
+    wrong = any(m.is_beyond_reach(s.conflict) for m, s in zip(measurements, selections, strict=True))
+    if wrong:
+        constraints = [replace(constraint, yields=False) for constraint in constraints]
+        selections = select_weights(images, constraints, pose, methods, bounds=bounds, threads=0)
     weighted = [WeightedMeasurement(m, s.weight) for m, s in zip(measurements, selections, strict=True)]
     # Sensors without weight must not move the pose: a least-squares fit is not what resection gives.
     used = any(constraint.weight > 0 for constraint in weighted)
     fitted = selections[0].pose
-    return Fused(fitted if used and fitted is not None else pose, weighted, selections)
+    return Fused(fitted if used and fitted is not None else pose, weighted, selections, wrong)
 
 
 def presumed_weights(

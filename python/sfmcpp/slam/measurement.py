@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from sfmcpp.model import CONSTRAINT_KINDS, SensorStream
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
+from sfmcpp.model.weight_selection import ConflictReport
+from sfmcpp.weighting import CONFLICT_SIGMAS
 
 # Kinds that need a map in metres, in the sensor's world.
 METRIC_KINDS = tuple(name for name, kind in CONSTRAINT_KINDS.items() if kind.unit == "m")
@@ -38,6 +41,8 @@ class Measurement:
         Whether a conflict with the images lowers its weight (:class:`sfmcpp.weighting.PoseConstraint`).
     slack : float
         A further standard deviation, by the stream [m or rad]: conflicts are judged by both.
+    reach : float
+        By how much the sensor can be off, beside its noise [m or rad]: images that differ by more are wrong.
     """
 
     sensor: str
@@ -47,6 +52,13 @@ class Measurement:
     doubtful: bool = False
     yields: bool = True
     slack: float = 0.0
+    reach: float = math.inf
+
+    def is_beyond_reach(self, conflict: ConflictReport) -> bool:
+        """Whether a conflict with the images is larger than the sensor can be off: these are wrong."""
+        noise = math.hypot(conflict.images_sigma, self.sigma or 0.0, self.slack)
+        beyond = conflict.discrepancy > self.reach + CONFLICT_SIGMAS * noise
+        return conflict.conflicting and beyond and not self.doubtful
 
 
 def require_sigma(name: str, sigma: float | None) -> None:

@@ -27,7 +27,7 @@ from sfmcpp.sensors import (
 )
 from sfmcpp.sensors.odometer import stops_on_the_way
 from sfmcpp.sensors.rate_drift import RateDrift, find_drift
-from sfmcpp.slam.experience import Experience
+from sfmcpp.slam.experience import Experience, informed
 from sfmcpp.slam.fusion import Fused
 from sfmcpp.slam.measurement import METRIC_KINDS, PLACE_KINDS, Measurement, MotionSensor
 from sfmcpp.slam.motion_sensors import STAMPED, Gyroscope, Odometer
@@ -197,7 +197,7 @@ class SensorSuite:
             for sensor in self.sensors
         ]
         return [
-            m if m.sigma is not None else replace(m, sigma=self._experience_of(m.sensor).sigma)
+            informed(m, self._experience_of(m.sensor), start_s, end_s)
             for m in found
             if m is not None and (metric or m.kind not in METRIC_KINDS)
         ]
@@ -216,7 +216,7 @@ class SensorSuite:
         for constraint, selection in zip(fused.constraints, fused.selections, strict=False):
             if not constraint.measurement.doubtful:
                 known = self._experience_of(selection.name)
-                known.add(selection.conflict, stretch)
+                known.add(selection.conflict, stretch, refuted=fused.images_wrong)
                 if moved_back and constraint.measurement.kind in PLACE_KINDS:
                     known.explain()
         self.in_conflict = frozenset(name for name, known in self.experience.items() if known.is_denied)

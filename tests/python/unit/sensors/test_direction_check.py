@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,6 +68,18 @@ def test_stamps_that_are_off_are_named_with_their_offset(late_s: float) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_correct_stamps_are_not(strength_rad: float, seed: int) -> None:
     assert not check_directions(odometer(strength_rad, 0.0), MOUNTING, seen(strength_rad, seed)).is_off
+
+
+@pytest.mark.parametrize(("bends_rad", "named"), [(0.0, True), (0.15, False)])
+def test_directions_that_bends_turn_aside_tell_no_clock(bends_rad: float, named: bool) -> None:
+    """A car ahead makes steps to the side of bends, and nods seem to come 0.2 s late."""
+    turns = [
+        replace(t, direction=so3.exp([0.0, aside, 0.0]) @ t.direction)
+        for t in seen(0.003)
+        for aside in [bends_rad * np.sin(0.5 * t.start_s)]
+    ]
+    clock = check_directions(odometer(0.003, 0.2), MOUNTING, turns)
+    assert clock.is_off == named
 
 
 @pytest.mark.parametrize("seed", [0, 3, 4])

@@ -9,7 +9,8 @@ import pytest
 
 from sfmcpp.model import Gap
 from sfmcpp.slam import Gyroscope, Odometer, SlamSettings, run_slam
-from sfmcpp.slam.experience import KEYFRAMES_OF_SIGMA, Experience
+from sfmcpp.slam.experience import KEYFRAMES_OF_SIGMA, Experience, informed
+from sfmcpp.slam.measurement import Measurement
 from sfmcpp.weighting import ConflictReport
 from winding import AT_CAMERA, winding
 
@@ -206,3 +207,43 @@ def test_a_sensor_is_denied_by_conflicts_that_last_or_are_strong_to_the_latest_k
     for sigmas in [0.5] * 20 + conflicts:
         known.add(report(sigmas), STEP)
     assert known.is_denied == denied
+
+
+def reach(known: Experience, start_s: float, end_s: float, kind: str = "scale") -> float:
+    return informed(Measurement("odometer", kind, 1.0, 0.02), known, start_s, end_s).reach
+
+
+def test_an_odometer_that_agreed_is_off_by_no_more_than_inertia_allows() -> None:
+    known = Experience()
+    assert reach(known, 0.0, 1.0) == np.inf
+    known.add(report(), Gap(0.0, 0.5))  # off by 0.01 m in half a second
+    # A speed error that grows by 8 m/s², integrated in small steps.
+    for start_s, end_s in [(0.5, 1.0), (1.5, 2.0)]:
+        t_s = np.linspace(0.5, end_s, 100_001)
+        off_m_s = 0.02 + 8.0 * (t_s - 0.5)
+        within = t_s >= start_s
+        expected = off_m_s[within].mean() * (end_s - start_s)
+        assert reach(known, start_s, end_s) == pytest.approx(expected, rel=1e-3)
+    assert reach(known, 0.5, 1.0, "position") == np.inf
+    assert reach(known, 0.5, 1.0, "displacement-rotation-log") == np.inf
+
+
+@pytest.mark.parametrize(("refuted", "expected"), [(False, np.inf), (True, 0.0)])
+def test_a_conflict_goes_on_as_it_began(refuted: bool, expected: float) -> None:
+    known = Experience()
+    known.add(report(), STEP)
+    known.add(report(20.0), Gap(1.0, 2.0), refuted=refuted)
+    assert reach(known, 2.0, 3.0) == expected
+    known.add(report(), Gap(2.0, 3.0))
+    assert 4.0 < reach(known, 3.0, 4.0) < 4.1
+
+
+def test_wrong_images_say_nothing_against_a_sensor() -> None:
+    for refuted in (False, True):
+        known = Experience()
+        for k in range(20):
+            told = report(20.0 if k == 19 else 0.5, sensor_sigma=0.02)
+            known.add(told, Gap(k, k + 1.0), refuted=refuted and k == 19)
+        assert known.is_denied != refuted
+        assert bool(known.describe("odometer")) != refuted
+        assert (known.denied is None) == refuted

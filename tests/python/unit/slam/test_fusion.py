@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -98,6 +100,19 @@ def test_a_doubtful_measurement_gets_no_weight_and_does_not_move_the_pose() -> N
     fused = fuse(world, view, TRUE, [scale(3 * DISTANCE, doubtful=True)], SETTINGS)
     assert [c.weight for c in fused.constraints] == [0.0]
     np.testing.assert_array_equal(fused.pose, TRUE)
+
+
+def test_images_that_a_sensor_cannot_be_so_far_from_do_not_make_it_yield() -> None:
+    world, view = map_and_view()
+    far = scale(DISTANCE + 0.5)
+    yielding, held = (
+        fuse(world, view, TRUE, [replace(far, reach=reach)], SETTINGS) for reach in (np.inf, 0.1)
+    )
+    assert yielding.selections[0].conflict.sigmas > 3
+    assert (yielding.images_wrong, held.images_wrong) == (False, True)
+    assert held.constraints[0].weight > 2 * yielding.constraints[0].weight
+    moved, kept = (np.linalg.norm(f.pose[:, 3] - PREVIOUS[:, 3]) for f in (held, yielding))
+    assert abs(moved - DISTANCE - 0.5) < abs(kept - DISTANCE - 0.5)
 
 
 def test_with_too_few_points_to_choose_by_a_sensor_keeps_its_usual_weight() -> None:
