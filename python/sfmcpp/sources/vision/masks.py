@@ -106,6 +106,9 @@ def _is_in_mask_folder(path: PurePosixPath) -> bool:
 
 
 def _require_mask_size(mask: Path, found: tuple[int, int], size: tuple[int, int], masked: str) -> None:
-    if found != size:
-        sizes = f"{found[0]}×{found[1]} pixels: must be {size[0]}×{size[1]}"
-        raise DatasetError(mask, f"the mask has {sizes} as {masked}")
+    if found == size:
+        return
+    sizes = f"{found[0]}×{found[1]} pixels: must be {size[0]}×{size[1]} as {masked}"
+    # Programs that show photos upright, by EXIF, make masks of that shape.
+    hint = " is stored, before EXIF's orientation turns it" if found == size[::-1] else ""
+    raise DatasetError(mask, f"the mask has {sizes}{hint}")

@@ -68,6 +68,14 @@ def test_masks_that_are_black_nowhere_are_told(tmp_path: Path) -> None:
     assert mask_warnings(open_photos(tmp_path / "photos", masks=tmp_path / "masks")) == []
 
 
+def test_a_mask_of_a_photo_that_was_turned_upright_is_told_as_such(tmp_path: Path) -> None:
+    write_photo(tmp_path / "photos/a.jpg", SMALL, {0x0112: 6})
+    write_photo(tmp_path / "masks/a.jpg.png", HALF.transpose(1, 0, 2))
+    told = r"48×64 pixels: must be 64×48 as a\.jpg is stored, before EXIF's orientation turns it"
+    with pytest.raises(DatasetError, match=told):
+        open_photos(tmp_path / "photos", masks=tmp_path / "masks")
+
+
 def test_a_folder_that_is_given_as_masks_must_have_one(tmp_path: Path) -> None:
     write_photo(tmp_path / "a.png", SMALL)
     with pytest.raises(DatasetError, match=r"holds no mask of any photo: there is no a\.png\.png"):
