@@ -77,7 +77,8 @@ Masks = Annotated[
     typer.Option(
         metavar="DIR",
         callback=_masks,
-        help="Masks, named as the photos; nothing is detected in black areas. Without: in transparent ones.",
+        help="Folder of masks, PHOTO.jpg.png or PHOTO.png; nothing is detected where they are black. Photos "
+        "without one: where they are transparent.",
     ),
 ]
 Gps = Annotated[

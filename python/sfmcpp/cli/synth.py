@@ -10,7 +10,7 @@ import numpy as np
 import typer
 
 from sfmcpp.cli.choices import Quiet, completion_of, look_of_names
-from sfmcpp.cli.console import ExitCode, print_result, with_exit_code
+from sfmcpp.cli.console import ExitCode, print_note, print_result, with_exit_code
 from sfmcpp.errors import DatasetError
 from sfmcpp.model import Problem
 from sfmcpp.sources.synthetic import SCENES, add_outliers, perturb
@@ -123,6 +123,7 @@ def synth(
     _write(start, output, true_problem, truth)
     if not quiet:
         print_result(f"{output}: {start}, {_tracks(start)}")
+        _warn_of_blind_cameras(start)
     return ExitCode.DONE
 
 
@@ -147,6 +148,15 @@ def _write(start: Problem, output: Path, true_problem: Problem, truth: Path | No
     if truth is not None:
         write(true_problem, truth)
     write(start, output)
+
+
+def _warn_of_blind_cameras(problem: Problem) -> None:
+    seen = np.bincount(problem.camera_index, minlength=problem.num_cameras)
+    if blind := int((seen == 0).sum()):
+        few = f"{blind:,} of {problem.num_cameras:,} cameras see no point that another one sees"
+        print_note(
+            f"warning: {few}: they are too far apart, or the points too few; give more --cameras or --points"
+        )
 
 
 def _tracks(problem: Problem) -> str:

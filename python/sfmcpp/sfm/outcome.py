@@ -14,6 +14,7 @@ from sfmcpp.sfm.contradictions import (
     pairs_with_missing_matches,
 )
 from sfmcpp.sfm.incremental import GrownModels
+from sfmcpp.sfm.mask_checks import mask_warnings
 from sfmcpp.sfm.match_graph import MatchGraph, Pair
 from sfmcpp.sfm.result import ImageOutcome
 from sfmcpp.sfm.settings import IncrementalSettings
@@ -111,7 +112,7 @@ def warnings_of_folder(folder: PhotoFolder) -> list[str]:
         warnings.append(f"{photos} not read here, and left out: {few}; {advice}")
     warnings += _warnings_of_mirrored([photo.name for photo in folder.photos if photo.is_mirrored])
     warnings += _warnings_of_panoramas([photo.name for photo in folder.photos if photo.is_panorama])
-    return warnings + _warnings_of_further_images(folder.photos)
+    return warnings + _warnings_of_further_images(folder.photos) + mask_warnings(folder)
 
 
 def _warnings_of_mirrored(names: Sequence[str]) -> list[str]:

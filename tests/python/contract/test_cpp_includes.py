@@ -16,8 +16,9 @@ HEADERS = CPP / "include"
 COMMENT_OR_TEXT = re.compile(r'//.*|"(?:\\.|[^"\\\n])*"')
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"]+)"', re.MULTILINE)
 # In a namespace: what is defined in a class is indented. No declaration alone.
-DEFINITION = re.compile(r"^(?:class|struct|enum class) (\w+)\b[^;]*?\{", re.MULTILINE)
-DECLARATION = re.compile(r"\b(?:class|struct|enum class|using) (\w+)")
+ALIGNED = r"(?:alignas\([^)]*\) )?"
+DEFINITION = re.compile(rf"^(?:class|struct|enum class) {ALIGNED}(\w+)\b[^;]*?\{{", re.MULTILINE)
+DECLARATION = re.compile(rf"\b(?:class|struct|enum class|using) {ALIGNED}(\w+)")
 
 
 @cache

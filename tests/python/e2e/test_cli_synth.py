@@ -112,6 +112,19 @@ def test_bad_usage_is_one_line_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_cameras_that_see_nothing_are_told(tmp_path: Path) -> None:
+    few = ["--cameras", "10", "--points", "200", "--seed", "0"]
+    result = run_here("synth", "street-loop", "-o", tmp_path / "scene.npz", *few)
+    written = sfmcpp.read(tmp_path / "scene.npz")
+    blind = 10 - len(np.unique(written.camera_index))
+    assert blind > 0
+    assert result.returncode == 0
+    assert result.stderr == (
+        f"sfmcpp: warning: {blind} of 10 cameras see no point that another one sees: they are too far apart, "
+        "or the points too few; give more --cameras or --points\n"
+    )
+
+
 def test_the_shell_completes_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in {
         "_SFMCPP_COMPLETE": "complete_bash",

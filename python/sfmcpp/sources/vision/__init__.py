@@ -10,6 +10,7 @@ from sfmcpp.sources.vision.features import (
 from sfmcpp.sources.vision.frames import Frames, open_frames
 from sfmcpp.sources.vision.images import PICTURES, VIDEOS, one_opencv_thread
 from sfmcpp.sources.vision.klt import CORNERS, KltSettings, follow_features
+from sfmcpp.sources.vision.masks import read_mask
 from sfmcpp.sources.vision.matching import match
 from sfmcpp.sources.vision.pairs import MATCHERS, choose_pairs
 from sfmcpp.sources.vision.photos import (
@@ -17,7 +18,6 @@ from sfmcpp.sources.vision.photos import (
     open_photos,
     read_color,
     read_gray,
-    read_mask,
     thumbnail_jpeg,
     without_copies,
 )

@@ -21,7 +21,8 @@ from sfmcpp.model.photos import Features, Photo
 from sfmcpp.sources.vision.detectors import find_blobs, find_corners
 from sfmcpp.sources.vision.images import load_cv2
 from sfmcpp.sources.vision.keypoints import SearchImage
-from sfmcpp.sources.vision.photos import read_color_and_opaque, read_mask
+from sfmcpp.sources.vision.masks import read_mask
+from sfmcpp.sources.vision.photos import read_color_and_opaque
 
 FEATURE_KINDS = ("sift", "harris", "shi-tomasi")
 

@@ -214,6 +214,9 @@ def require_no_single_picture(file: Path) -> None:
     """Raise a DatasetError if a file is an image or a video, where a folder of photos is wanted."""
     if is_picture(file):
         raise DatasetError(file, "is one image: give the folder that holds it and others of the scene")
+    if is_foreign_picture(file):
+        kind = f"is an image of a kind that is not read; {jpeg_of_foreign(file.name)}"
+        raise DatasetError(file, f"{kind}, and give the folder of photos")
     if is_video(file):
         raise DatasetError(file, f"is a video: {photos_of_video(file.name)}")
 

@@ -18,7 +18,7 @@ from sfmcpp.model.checks import require_count
 from sfmcpp.model.photos import Photo
 from sfmcpp.model.process_state import without_warnings
 from sfmcpp.sources.io.checks import fault_of_image_name
-from sfmcpp.sources.io.files import failures_named, is_folder, is_regular_file, require_present
+from sfmcpp.sources.io.files import failures_named, is_folder, require_present
 from sfmcpp.sources.vision.equirectangular import shows_all_around
 from sfmcpp.sources.vision.exif import exif_facts
 from sfmcpp.sources.vision.images import (
@@ -31,12 +31,12 @@ from sfmcpp.sources.vision.images import (
     load_pillow,
     where_images_are,
 )
+from sfmcpp.sources.vision.masks import DIGEST_BYTES, named_as_masks, with_mask
 from sfmcpp.sources.vision.photo_pixels import (
     ColorImage,
     as_levels,
     as_rgb,
     bytes_of,
-    decoded,
     further_images,
     has_deep_colors,
     has_transparency,
@@ -44,7 +44,6 @@ from sfmcpp.sources.vision.photo_pixels import (
     opened_image,
 )
 
-_DIGEST_BYTES = 20
 _THUMBNAIL_QUALITY = 80
 
 
@@ -67,6 +66,8 @@ class PhotoFolder:
     foreign : list of str
         Names of the photos of kinds that are not read, as HEIC and raw ones, except those beside one of the
         same name that is.
+    masks : dict
+        Name of the photo that each image is named as a mask of, by the name of the image: it is no photo.
     """
 
     path: Path
@@ -75,6 +76,7 @@ class PhotoFolder:
     copies: dict[str, str] = field(default_factory=dict)
     videos: list[str] = field(default_factory=list)
     foreign: list[str] = field(default_factory=list)
+    masks: dict[str, str] = field(default_factory=dict)
 
 
 @checked()
@@ -83,7 +85,8 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
 
     No image is decoded: that a file is cut short shows when its pixels are read (:func:`read_gray`). Pixels
     are as they are stored, whatever orientation the file asks to be shown in. Files and folders whose name
-    starts with a dot are left alone. Links to folders are followed, each folder counts once.
+    starts with a dot are left alone. Links to folders are followed, each folder counts once. Images that are
+    named as masks of others (``a.jpg.png`` beside ``a.jpg``, or ``masks/a.png``) are no photos.
 
     Parameters
     ----------
@@ -129,9 +132,18 @@ def open_photos(folder: str | PathLike[str], *, masks: str | PathLike[str] | Non
         except DatasetError as error:
             found.unreadable[name] = error.reason
             continue
-        found.photos.append(photo if masks_path is None else _with_mask(photo, masks_path))
+        found.photos.append(photo if masks_path is None else with_mask(photo, masks_path))
     _require_some(found, masks_path)
-    return found
+    return _without_masks(found)
+
+
+def _without_masks(found: PhotoFolder) -> PhotoFolder:
+    """The folder without the photos that are named as masks of others."""
+    masks = named_as_masks(photo.name for photo in found.photos)
+    used = {photo.mask.resolve() for photo in found.photos if photo.mask is not None}
+    unused = {name: photo for name, photo in masks.items() if (found.path / name).resolve() not in used}
+    photos = [photo for photo in found.photos if photo.name not in masks]
+    return replace(found, photos=photos, masks=unused)
 
 
 def without_copies(folder: PhotoFolder) -> PhotoFolder:
@@ -239,34 +251,6 @@ def read_levels(photo: Photo) -> NDArray[np.uint8] | NDArray[np.uint16]:
     return levels
 
 
-def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool_]:
-    """Mask of the pixels of images in which features may be detected.
-
-    Parameters
-    ----------
-    file : Path
-        An image.
-    size : (int, int)
-        Width and height of the images [px].
-    masked : str
-        What they are called.
-
-    Returns
-    -------
-    (height, width) bool
-        False where the mask is black.
-
-    Raises
-    ------
-    DatasetError
-        If the mask is gone, cut short or otherwise not to be decoded, or has another size.
-    """
-    with opened_image(file, bytes_of(file)) as image:
-        _require_mask_size(file, image.size, size, masked)
-        pixels = decoded(file, image)
-        return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2))
-
-
 def thumbnail_jpeg(photo: Photo, longest_px: int) -> bytes:
     """A small copy of a photo, pixels as stored.
 
@@ -335,30 +319,12 @@ def _opened_photo(name: str, file: Path) -> Photo:
         camera=facts.camera,
         position=facts.position,
         taken_s=facts.taken_s,
-        digest=blake2b(data, digest_size=_DIGEST_BYTES, key=key).hexdigest(),
+        digest=blake2b(data, digest_size=DIGEST_BYTES, key=key).hexdigest(),
         position_sigmas_m=facts.position_sigmas_m,
         is_mirrored=facts.is_mirrored,
         is_panorama=facts.is_panorama or shows_all_around(file, data, size),
         further_images=further,
     )
-
-
-def _with_mask(photo: Photo, masks: Path) -> Photo:
-    names = (photo.name + ".png", str(Path(photo.name).with_suffix(".png")))
-    mask = next((file for name in names if is_regular_file(file := masks / name)), None)
-    if mask is None:
-        return photo
-    data = bytes_of(mask)
-    with opened_image(mask, data) as image:
-        _require_mask_size(mask, image.size, photo.size, photo.name)
-    both = blake2b(data, digest_size=_DIGEST_BYTES, key=photo.digest.encode())
-    return replace(photo, mask=mask, digest=both.hexdigest())
-
-
-def _require_mask_size(mask: Path, found: tuple[int, int], size: tuple[int, int], masked: str) -> None:
-    if found != size:
-        sizes = f"{found[0]}×{found[1]} pixels: must be {size[0]}×{size[1]}"
-        raise DatasetError(mask, f"the mask has {sizes} as {masked}")
 
 
 def _require_some(found: PhotoFolder, masks: Path | None) -> None:

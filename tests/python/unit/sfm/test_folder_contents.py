@@ -69,6 +69,11 @@ def test_one_image_or_a_video_in_place_of_a_folder_is_told_what_to_give(tmp_path
         reconstruct(tmp_path / "a.jpg")
     with pytest.raises(DatasetError, match=r"is a video: `ffmpeg -i clip\.mov "):
         reconstruct(tmp_path / "clip.mov")
+    (tmp_path / "clip.gif").write_bytes(b"no matter")
+    with pytest.raises(
+        DatasetError, match=r"kind that is not read; convert to JPEG: `mogrify -format jpg \*\.gif`"
+    ):
+        reconstruct(tmp_path / "clip.gif")
 
 
 @pytest.mark.parametrize("name", ["100_0001_PPKRAW.bin", "cameras.txt"])
