@@ -227,7 +227,7 @@ void forward_strip(const double* l, int first, int strip, double* x) {
   }
   double* y = x + end;
   for (int i = 0; i < kPacks; ++i) store(y + kLanes * i, rest[i]);
-  const double* square = columns + kStrip * end;
+  const double* square = l + strip_begin(strip, strip);
   for (int j = 0; j < kStrip; ++j, square += kStrip) {
     y[j] /= square[j];
     for (int i = j + 1; i < kStrip; ++i) y[i] -= square[i] * y[j];
@@ -239,14 +239,14 @@ void backward_strip(const double* l, int strip, int num_strips, double* x) {
   Pack<8> sums[kStrip];
   for (Pack<8>& sum : sums) sum = Pack<8>(0.0);
   for (int s = strip + 1; s < num_strips; ++s) {
-    const double* column = l + strip_begin(s) + kStrip * kStrip * strip;
+    const double* column = l + strip_begin(s, strip);
     for (int i = 0; i < kEights; ++i) {
       const Pack<8> values = load<8>(x + kStrip * s + 8 * i);
 #pragma GCC unroll 16
       for (int j = 0; j < kStrip; ++j) sums[j] += load<8>(column + kStrip * j + 8 * i) * values;
     }
   }
-  const double* square = l + strip_begin(strip) + kStrip * kStrip * strip;
+  const double* square = l + strip_begin(strip, strip);
   double* y = x + kStrip * strip;
   for (int j = kStrip - 1; j >= 0; --j) {
     double rest = y[j] - sum_of_lanes(sums[j]);

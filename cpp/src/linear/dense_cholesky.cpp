@@ -9,7 +9,6 @@
 namespace sfmcpp::linear {
 namespace {
 
-constexpr int kStripArea = kStrip * kStrip;
 constexpr int kMostStripsOfGroup = 4;
 constexpr int kGroupsPerThread = 2;  // at least, for threads to wait little for one another
 constexpr int kInnerStrips = 16;     // of two factors, which the nearest cache holds
@@ -56,9 +55,7 @@ class Factorization {
  private:
   int count() const { return static_cast<int>(strips_.size()); }
   // Row `strip` of the strips of columns from `column` on.
-  double* at(int strip, int column) const {
-    return matrix_ + strip_begin(strip) + std::int64_t{kStripArea} * column;
-  }
+  double* at(int strip, int column) const { return matrix_ + strip_begin(strip, column); }
 
   void work(int worker) {
     try {

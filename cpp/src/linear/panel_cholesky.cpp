@@ -8,7 +8,8 @@ namespace {
 constexpr int kInner = 128;   // columns of both factors that are packed at a time
 constexpr int kWide = 128;    // columns of a panel that are factored before the others are updated
 constexpr int kLarge = 1024;  // rows from which on tasks are several strips
-constexpr int kInnerBlock = 256;  // columns of b that stay in the cache
+constexpr int kInnerBlock = 256;     // columns of b that stay in the cache
+constexpr int kColumnsInCache = 32;  // of a factor, which several right-hand sides meet
 
 // Columns of one panel that are factored together, by tiles.
 class NarrowPanel {
@@ -148,12 +149,6 @@ bool factor_panel(const CholeskyKernels& kernels,
   }
   return true;
 }
-
-namespace {
-
-constexpr int kColumnsInCache = 32;  // of a factor, which several right-hand sides meet
-
-}  // namespace
 
 void forward_columns(const CholeskyKernels& kernels,
                      const double* l,

@@ -33,6 +33,13 @@ void set(const MatrixXd& a, DenseCholesky& cholesky, ThreadPool& pool) {
   }
 }
 
+DenseCholesky factored(const MatrixXd& a, ThreadPool& pool) {
+  DenseCholesky cholesky(static_cast<int>(a.rows()));
+  set(a, cholesky, pool);
+  EXPECT_TRUE(cholesky.factorize(pool));
+  return cholesky;
+}
+
 // x ← a⁻¹ x of the leading rows.
 void solve(const DenseCholesky& cholesky, int rows, VectorXd& x) {
   std::vector<double> padded(cholesky.padded_size(), std::nan(""));
@@ -97,9 +104,7 @@ TEST_P(DenseCholeskySizes, GivesProductsWithTheInverseOfSparseColumns) {
   const int n = GetParam();
   ThreadPool pool(1);
   const MatrixXd a = random_spd(n, 6);
-  DenseCholesky cholesky(n);
-  set(a, cholesky, pool);
-  ASSERT_TRUE(cholesky.factorize(pool));
+  const DenseCholesky cholesky = factored(a, pool);
   for (int first : {0, n / 2, n - 1}) {
     MatrixXd b = MatrixXd::Zero(n, 2);
     b(first, 0) = 2.0;
@@ -114,9 +119,7 @@ TEST_P(DenseCholeskySizes, SolvesForTheLeadingRows) {
   const int n = GetParam();
   ThreadPool pool(2);
   const MatrixXd a = random_spd(n, 9);
-  DenseCholesky cholesky(n);
-  set(a, cholesky, pool);
-  ASSERT_TRUE(cholesky.factorize(pool));
+  const DenseCholesky cholesky = factored(a, pool);
   for (int rows : {1, n / 2 + 1, n}) {
     VectorXd x = VectorXd::LinSpaced(rows, 1.0, 2.0);
     const VectorXd expected = a.topLeftCorner(rows, rows).llt().solve(x);
@@ -129,9 +132,7 @@ TEST_P(DenseCholeskySizes, SolvesForColumnsTogether) {
   const int n = GetParam();
   ThreadPool pool(2);
   const MatrixXd a = random_spd(n, 10);
-  DenseCholesky cholesky(n);
-  set(a, cholesky, pool);
-  ASSERT_TRUE(cholesky.factorize(pool));
+  const DenseCholesky cholesky = factored(a, pool);
   MatrixXd x = MatrixXd::Random(n, 35);
   const MatrixXd expected = a.llt().solve(x);
   cholesky.solve(x, pool);

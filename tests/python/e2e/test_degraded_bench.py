@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -12,9 +11,9 @@ import numpy as np
 import pytest
 
 import sfmcpp
+from bench_programs import BENCH, as_module
 from sfmcpp.sources.synthetic import circle_scene
 
-BENCH = Path(__file__).resolve().parents[3] / "bench/sfm"
 COUNT, SIZE, DOT, FOCAL = 6, (320, 240), (220, 70), 300.0
 SIDE = """
 import json, pathlib, shutil, sys
@@ -28,16 +27,9 @@ shutil.copytree({model!r}, folder / "model", dirs_exist_ok=True)
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The program as a module; what it imports is forgotten afterwards."""
+    """The program as a module."""
     pytest.importorskip("PIL")
-    monkeypatch.syspath_prepend(str(BENCH))
-    before = set(sys.modules)
-    import degraded
-
-    yield degraded
-    for name in set(sys.modules) - before:
-        if str(BENCH) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
+    yield from as_module(monkeypatch, BENCH / "sfm", "degraded")
 
 
 def photos(folder: Path) -> list[Path]:

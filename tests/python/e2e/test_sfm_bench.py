@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -12,10 +11,10 @@ import numpy as np
 import pytest
 
 import sfmcpp
+from bench_programs import BENCH, as_module
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.sources.synthetic import circle_scene
 
-BENCH = Path(__file__).resolve().parents[3] / "bench/sfm"
 AWAY = Similarity(0.25, np.eye(3)[[1, 2, 0]], np.array([3.0, 4.0, 5.0]))
 SIDE = """
 import json, pathlib, shutil, sys
@@ -30,16 +29,9 @@ seconds = dict(features={seconds}, matching=1.0, mapping=1.0)
 
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    """The program as a module; what it imports is forgotten afterwards."""
+    """The program as a module."""
     pytest.importorskip("PIL")
-    monkeypatch.syspath_prepend(str(BENCH))
-    before = set(sys.modules)
-    import compare
-
-    yield compare
-    for name in set(sys.modules) - before:
-        if str(BENCH) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
+    yield from as_module(monkeypatch, BENCH / "sfm", "compare")
 
 
 def scene(count: int = 8) -> sfmcpp.Problem:

@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "sfmcpp/core/isa.hpp"
+#include "sfmcpp/core/simd.hpp"
 
 namespace sfmcpp::linear {
 
@@ -14,9 +15,10 @@ inline constexpr int kStrip = 16;
 inline constexpr int kPanel = 8;
 
 // A lower triangle in strips, each column by column as far as the square on the diagonal: where a
-// strip begins.
-constexpr std::int64_t strip_begin(int strip) {
-  return std::int64_t{kStrip} * kStrip * strip * (strip + 1) / 2;
+// strip begins, or in it the columns that are the rows of another. Kernels call it (core/isa.hpp).
+SFMCPP_INLINE constexpr std::int64_t strip_begin(int strip, int of_columns = 0) {
+  constexpr std::int64_t kArea = kStrip * kStrip;
+  return kArea * (std::int64_t{strip} * (strip + 1) / 2 + of_columns);
 }
 
 // Consecutive rows of one panel that are consecutive in another.
