@@ -7,6 +7,8 @@ function(sfmcpp_target_defaults target)
   # Products and sums are fused in kernels alone, for which it is chosen: elsewhere ARM, or -march=native, would do so too, and
   # a b − b a would not be zero.
   target_compile_options(${target} PRIVATE -ffp-contract=off)
+  # A function is not to be replaced by one of its name elsewhere: calls within the library are direct, or inlined.
+  target_compile_options(${target} PRIVATE $<$<CXX_COMPILER_ID:GNU,Clang>:-fno-semantic-interposition>)
   target_compile_definitions(${target} PRIVATE $<$<CONFIG:Debug>:EIGEN_INITIALIZE_MATRICES_BY_NAN>)
   if(SFMCPP_CAMERA_PLUGIN)
     cmake_path(GET SFMCPP_CAMERA_PLUGIN STEM name)

@@ -67,9 +67,14 @@ SolveSummary describe_start(const Workspace& work,
   Anchors anchors = anchors_of(problem);
   anchors.constrained = constrained;
   anchors.of_others = work.rows.points();
-  summary.warnings = warnings_about(work.graph, problem.rigs, anchors, work.exchange);
-  std::ranges::move(warnings_about_baselines(problem, work.graph, work.rows.points()),
-                    std::back_inserter(summary.warnings));
+  std::vector<std::string> of_baselines;
+  work.pool.parallel_for_beside(
+      [&] { summary.warnings = warnings_about(work.graph, problem.rigs, anchors, work.exchange); },
+      1,
+      [&](int) {
+        of_baselines = warnings_about_baselines(problem, work.graph, work.rows.points());
+      });
+  std::ranges::move(of_baselines, std::back_inserter(summary.warnings));
   std::ranges::move(warnings_about_cameras(problem, work.graph, constrained),
                     std::back_inserter(summary.warnings));
   std::ranges::move(FreeSensors(problem, work.graph).warnings(),

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <utility>
@@ -9,6 +10,7 @@
 
 #include <pybind11/numpy.h>
 
+#include "sfmcpp/core/aligned.hpp"
 #include "sfmcpp/core/error.hpp"
 
 namespace sfmcpp::bindings {
@@ -48,6 +50,19 @@ std::span<T> view(const py::dict& arrays, const char* name) {
 template <class T>
 py::array_t<T> array_of(const std::vector<T>& values) {
   return py::array_t<T>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+// The vector itself, of one dimension. What a reader needs for a moment leaves the store of buffers
+// pages that the next solve finds there.
+template <class T>
+py::array_t<T> array_from(AlignedVector<T> values) {
+  auto kept = std::make_unique<AlignedVector<T>>(std::move(values));
+  const auto size = static_cast<py::ssize_t>(kept->size());
+  const T* data = kept->data();
+  const py::capsule owner(kept.get(),
+                          [](void* vector) { delete static_cast<AlignedVector<T>*>(vector); });
+  static_cast<void>(kept.release());
+  return py::array_t<T>(size, data, owner);
 }
 
 // Keeps views of arrays from dangling while others have the GIL: they may take an array out of its

@@ -37,13 +37,12 @@ py::tuple read_numbers(const py::bytes& data, bool comments, int threads) {
     const ReleasedGil released;
     return NumberText(text, comments, pool);
   }();
-  py::array_t<double> values(static_cast<py::ssize_t>(numbers.size()));
-  double* out = values.mutable_data();
+  AlignedVector<double> values(static_cast<std::size_t>(numbers.size()));
   const long bad = [&] {
     const ReleasedGil released;
-    return numbers.read(out, pool);
+    return numbers.read(values.data(), pool);
   }();
-  return py::make_tuple(std::move(values), bad);
+  return py::make_tuple(array_from(std::move(values)), bad);
 }
 
 py::tuple number_lines(const py::bytes& data, bool comments, int threads) {

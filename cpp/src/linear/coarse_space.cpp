@@ -19,17 +19,17 @@ constexpr double kIndependent = 1e-4;
 std::vector<std::pair<int, int>> edges_of(const Aggregates& aggregates,
                                           const CameraNeighbours& neighbours) {
   std::vector<std::pair<int, int>> edges;
+  std::vector<int> met_by(aggregates.count(), -1);
   for (int k = 0; k < aggregates.count(); ++k) {
-    std::vector<int> others;
+    const std::size_t first = edges.size();
     for (int m = aggregates.begin[k]; m < aggregates.begin[k + 1]; ++m) {
       const int i = aggregates.members[m];
-      for (long n = neighbours.begin[i]; n < neighbours.begin[i + 1]; ++n)
-        others.push_back(aggregates.of_camera[neighbours.camera[n]]);
+      for (long n = neighbours.begin[i]; n < neighbours.begin[i + 1]; ++n) {
+        const int other = aggregates.of_camera[neighbours.camera[n]];
+        if (other > k && std::exchange(met_by[other], k) != k) edges.emplace_back(k, other);
+      }
     }
-    std::ranges::sort(others);
-    others.erase(std::unique(others.begin(), others.end()), others.end());
-    for (int other : others)
-      if (other > k) edges.emplace_back(k, other);
+    std::sort(edges.begin() + static_cast<long>(first), edges.end());
   }
   return edges;
 }
@@ -39,13 +39,14 @@ std::vector<std::pair<int, int>> edges_of(const Aggregates& aggregates,
 CoarseSpace::CoarseSpace(const NormalEquations& normal,
                          const BlockSparseSchur& schur,
                          const CameraPartition& partition,
-                         const CameraNeighbours& neighbours)
+                         CameraNeighbours neighbours,
+                         std::shared_ptr<const ReducedStructure> structure)
     : normal_(normal),
       schur_(schur),
       partition_(partition),
-      aggregates_(aggregate_cameras(neighbours, kCamerasOfAggregate)),
+      neighbours_(std::move(neighbours)),
+      structure_(std::move(structure)),
       place_(panel_places(size())),
-      graph_{.size = {}, .edges = edges_of(aggregates_, neighbours)},
       scratch_(normal.pool().num_threads()) {
   for (int column : normal.map().column)
     own_.push_back(static_cast<char>(column != kNoColumn && !normal.is_shared(column)));
@@ -53,7 +54,7 @@ CoarseSpace::CoarseSpace(const NormalEquations& normal,
 
 void CoarseSpace::factor(const std::vector<double>& diagonal) {
   usable_ = false;
-  if (num_modes() == 0 || aggregates_.count() == 0) return;
+  if (num_modes() == 0) return;
   if (!cholesky_) analyse();
   z_.resize(own_.size() * static_cast<std::size_t>(num_modes()));
   std::ranges::fill(blocks_, 0.0);
@@ -68,6 +69,14 @@ void CoarseSpace::factor(const std::vector<double>& diagonal) {
 }
 
 void CoarseSpace::analyse() {
+  if (structure_) {
+    neighbours_ =
+        neighbours_of(normal_.graph(), structure_->pattern, normal_.pool(), normal_.exchange());
+    structure_.reset();
+  }
+  aggregates_ = aggregate_cameras(neighbours_, kCamerasOfAggregate);
+  graph_.edges = edges_of(aggregates_, neighbours_);
+  neighbours_ = {};
   graph_.size.assign(aggregates_.count(), num_modes());
   adjacency_ = make_adjacency(graph_);
   const std::size_t blocks = graph_.size.size() + adjacency_.neighbour.size();

@@ -21,10 +21,13 @@ namespace sfmcpp::linear {
 
 class CoarseSpace {
  public:
+  // Set up when it is first factored: many runs end before. `structure`, of all ranks: neighbours
+  // are found in it then, and none are given.
   CoarseSpace(const NormalEquations& normal,
               const BlockSparseSchur& schur,
               const CameraPartition& partition,
-              const CameraNeighbours& neighbours);
+              CameraNeighbours neighbours,
+              std::shared_ptr<const ReducedStructure> structure = nullptr);
 
   // For the blocks that are assembled now, with λD in `diagonal`. Without modes, or where the
   // coarse matrix is not positive definite, the correction is zero.
@@ -72,6 +75,8 @@ class CoarseSpace {
   const NormalEquations& normal_;
   const BlockSparseSchur& schur_;
   const CameraPartition& partition_;
+  CameraNeighbours neighbours_;  // until there are aggregates
+  std::shared_ptr<const ReducedStructure> structure_;
   Aggregates aggregates_;
   std::vector<int> place_;       // of an entry of a block, row after row, in its panels
   std::vector<char> own_;        // per camera and column of its block: is it of no other camera?

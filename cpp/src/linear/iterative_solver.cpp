@@ -63,7 +63,7 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
                   ? std::make_unique<BlockSparseSchur>(normal, elimination_, partition_, structure)
                   : nullptr),
       product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, partition_),
-      preconditioner_(normal, blocks_.get(), partition_, groups),
+      preconditioner_(normal, blocks_.get(), partition_, groups, structure),
       conjugate_gradients_(normal.pool(), normal.exchange()) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,

@@ -312,10 +312,11 @@ double NormalEquations::predicted_decrease(const Step& step, const Damping& damp
   return 0.5 * sum_over_points(*this, of_cameras, [&](int p, CompensatedSum& sum) {
            const PointBlock& block = point_block(p);
            const std::array<double, 3> diagonal = block.diagonal();
-           for (int k = 0; k < 3; ++k) {
-             const double delta = step.point[3 * static_cast<std::size_t>(p) + k];
-             sum += delta * (block.rhs[k] + damping(diagonal[k]) * delta);
-           }
+           const double* delta = step.point.data() + 3L * p;
+           double of_point = 0.0;
+           for (int k = 0; k < 3; ++k)
+             of_point += delta[k] * (block.rhs[k] + damping(diagonal[k]) * delta[k]);
+           sum += of_point;
          });
 }
 

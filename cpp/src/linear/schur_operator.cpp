@@ -80,7 +80,7 @@ std::unique_ptr<SchurOperator> make_implicit_schur(const NormalEquations& normal
 namespace {
 
 constexpr int kMostTasks = 64, kFewestTasks = 4;
-constexpr long kLeastBlocksPerTask = 4096;
+constexpr long kLeastBlocksPerTask = 512;
 // The sums of tasks that reach over each other are written and read besides the blocks: no more
 // than this share of their bytes.
 constexpr double kMostOfSums = 0.15;

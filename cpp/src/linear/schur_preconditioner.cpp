@@ -138,12 +138,12 @@ CameraGroups group_cameras(const NormalEquations& normal,
   const bool is_auto = kind == PreconditionerKind::kAuto;
   if (pattern == nullptr || kind == PreconditionerKind::kSchurJacobi)
     return {.clusters = each_alone(cameras)};
-  const bool are_clusters = !is_auto || cameras >= kManyCameras;
+  if (is_auto && cameras < kManyCameras)
+    return {.clusters = each_alone(cameras), .coarse_space = Use::kLater};
   CameraNeighbours neighbours =
       neighbours_of(normal.graph(), *pattern, normal.pool(), normal.exchange());
-  return {.clusters =
-              are_clusters ? aggregate_cameras(neighbours, kCamerasOfCluster) : each_alone(cameras),
-          .are_clusters = are_clusters,
+  return {.clusters = aggregate_cameras(neighbours, kCamerasOfCluster),
+          .are_clusters = true,
           .coarse_space = is_auto                                  ? Use::kLater
                           : kind == PreconditionerKind::kTwoLevels ? Use::kAtOnce
                                                                    : Use::kNever,
@@ -153,7 +153,8 @@ CameraGroups group_cameras(const NormalEquations& normal,
 SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
                                          const BlockSparseSchur* blocks,
                                          const CameraPartition& partition,
-                                         const CameraGroups& groups)
+                                         CameraGroups groups,
+                                         std::shared_ptr<const ReducedStructure> structure)
     : map_(normal.map()), diagonal_(normal) {
   const std::vector<int> owners = partition.owners_of_columns(map_);
   for (int b = 0; b < map_.num_blocks(); ++b) {
@@ -163,7 +164,11 @@ SchurPreconditioner::SchurPreconditioner(const NormalEquations& normal,
   if (groups.are_clusters)
     clusters_ = std::make_unique<ClusterBlocks>(normal, *blocks, partition, groups.clusters);
   if (groups.coarse_space != CoarseSpaceUse::kNever)
-    coarse_ = std::make_unique<CoarseSpace>(normal, *blocks, partition, groups.neighbours);
+    coarse_ = std::make_unique<CoarseSpace>(normal,
+                                            *blocks,
+                                            partition,
+                                            std::move(groups.neighbours),
+                                            groups.are_clusters ? nullptr : std::move(structure));
   if (groups.coarse_space == CoarseSpaceUse::kAtOnce) take_coarse_space();
 }
 

@@ -68,7 +68,7 @@ struct CameraGroups {
   Aggregates clusters;        // or each camera alone
   bool are_clusters = false;  // else Schur–Jacobi
   CoarseSpaceUse coarse_space = CoarseSpaceUse::kNever;
-  CameraNeighbours neighbours{};  // where there may be a coarse space
+  CameraNeighbours neighbours{};  // of clusters
 };
 
 // `pattern` is of all ranks; null: S is not formed, and Schur–Jacobi is all there can be.
@@ -78,11 +78,12 @@ CameraGroups group_cameras(const NormalEquations& normal,
 
 class SchurPreconditioner {
  public:
-  // `blocks`: null where S is not formed.
+  // `blocks` and `structure`, of all ranks: null where S is not formed.
   SchurPreconditioner(const NormalEquations& normal,
                       const BlockSparseSchur* blocks,
                       const CameraPartition& partition,
-                      const CameraGroups& groups);
+                      CameraGroups groups,
+                      std::shared_ptr<const ReducedStructure> structure);
 
   // To be assembled with S.
   CameraBlockDiagonal& diagonal() { return diagonal_; }

@@ -121,7 +121,7 @@ TEST_P(Preconditioners, AreSymmetricAndPositiveDefinite) {
   const CameraPartition shares(
       system.normal(), groups.clusters, std::vector<double>(system.graph.num_cameras, 1.0));
   BlockSparseSchur schur(system.normal(), elimination, shares, structure);
-  SchurPreconditioner preconditioner(system.normal(), &schur, shares, groups);
+  SchurPreconditioner preconditioner(system.normal(), &schur, shares, groups, structure);
   std::vector<double> rhs;
   schur.form(preconditioner.diagonal());
   schur.gather(preconditioner.diagonal(), rhs);

@@ -86,24 +86,27 @@ class PointLanesOfThreads {
   // a lane waits for the fullest. Changes the order of `points`.
   template <class F>
   void for_each(std::vector<int>& points, const F& f) {
-    constexpr long kPointsPerTask = 8L * residuals::kPlaceLanes;
     while (static_cast<int>(lanes_.size()) < images_.pool().num_threads())
       lanes_.emplace_back(images_);
-    const auto size = static_cast<long>(points.size());
+    const auto size = static_cast<long>(points.size()), part = points_per_task(size);
     images_.pool().parallel_for_worker(
-        ThreadPool::num_parts(size, kPointsPerTask), [&](int task, int worker) {
-          const long begin = task * kPointsPerTask;
-          sort(std::span(points).subspan(begin, std::min(kPointsPerTask, size - begin)));
-          for (long k = begin; k < std::min(begin + kPointsPerTask, size);
-               k += residuals::kPlaceLanes) {
+        ThreadPool::num_parts(size, part), [&](int task, int worker) {
+          const long begin = task * part, end = std::min(begin + part, size);
+          sort(std::span(points).subspan(begin, end - begin));
+          for (long k = begin; k < end; k += residuals::kPlaceLanes) {
             lanes_[worker].set(
-                std::span(points).subspan(k, std::min(long{residuals::kPlaceLanes}, size - k)));
+                std::span(points).subspan(k, std::min(long{residuals::kPlaceLanes}, end - k)));
             f(lanes_[worker]);
           }
         });
   }
 
  private:
+  // Enough for lanes that are full alike; fewer where there are few, so that threads end together.
+  static long points_per_task(long points) {
+    constexpr long kTasks = 16, kMostLanes = 8, kPoints = residuals::kPlaceLanes;
+    return kPoints * std::clamp(points / (kTasks * kPoints), 1L, kMostLanes);
+  }
   void sort(std::span<int> points) const;
 
   const ImageResiduals& images_;

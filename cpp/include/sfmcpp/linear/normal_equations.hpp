@@ -78,10 +78,10 @@ struct CameraModes {
 };
 
 // Points per parallel task, and per task where there is little to do for each.
-inline constexpr int kPointsPerTask = 512;
-inline constexpr int kPointsPerSum = 2048;
+inline constexpr int kPointsPerTask = 128;
+inline constexpr int kPointsPerSum = 512;
 // Cameras, or their blocks, per parallel task.
-inline constexpr int kCamerasPerTask = 64;
+inline constexpr int kCamerasPerTask = 16;
 
 class NormalEquations {
  public:
