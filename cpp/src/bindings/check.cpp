@@ -51,9 +51,9 @@ py::array_t<double> residuals(const py::dict& arrays) {
   ba::check_arrays(problem);
   const linear::ObservationGraph graph = ba::graph_of(problem);
   constexpr long kPassesOfASolve = 10;  // at least: a thread for one alone must find so much more
-  ThreadPool pool(resolve_num_threads(0, problem.num_observations() / kPassesOfASolve));
+  const BorrowedPool borrowed(resolve_num_threads(0, problem.num_observations() / kPassesOfASolve));
   const std::vector<double> stored = or_failures_of(problem, [&] {
-    return ba::ImageResiduals(problem, graph, pool).values(ba::state_of(problem));
+    return ba::ImageResiduals(problem, graph, *borrowed).values(ba::state_of(problem));
   });
   py::array_t<double> result({problem.num_observations(), 2});
   double* in_order = result.mutable_data();

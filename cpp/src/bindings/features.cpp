@@ -53,8 +53,8 @@ py::tuple nearest_of_first(const Bytes& first, const Bytes& second, int threads)
   features::Neighbours result;
   {
     const ReleasedGil released;
-    ThreadPool pool(threads_for(threads, a, b));
-    result = features::nearest_of_first(a, b, pool);
+    const BorrowedPool borrowed(threads_for(threads, a, b));
+    result = features::nearest_of_first(a, b, *borrowed);
   }
   return tuple_of(result);
 }
@@ -66,8 +66,8 @@ py::tuple nearest_both_ways(const Bytes& first, const Bytes& second, int threads
   features::MutualNeighbours result;
   {
     const ReleasedGil released;
-    ThreadPool pool(threads_for(threads, a, b));
-    result = features::nearest_both_ways(a, b, pool);
+    const BorrowedPool borrowed(threads_for(threads, a, b));
+    result = features::nearest_both_ways(a, b, *borrowed);
   }
   return py::make_tuple(tuple_of(result.of_first), tuple_of(result.of_second));
 }

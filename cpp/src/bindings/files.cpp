@@ -32,25 +32,26 @@ std::string_view bytes_of(const Bytes& array) {
 py::tuple read_numbers(const py::bytes& data, bool comments, int threads) {
   const auto text = static_cast<std::string_view>(data);
   const auto bytes = static_cast<long>(text.size());
-  ThreadPool pool(threads_for(threads, bytes, kBytesOfAThread));
+  const BorrowedPool borrowed(threads_for(threads, bytes, kBytesOfAThread));
   const NumberText numbers = [&] {
     const ReleasedGil released;
-    return NumberText(text, comments, pool);
+    return NumberText(text, comments, *borrowed);
   }();
   AlignedVector<double> values(static_cast<std::size_t>(numbers.size()));
   const long bad = [&] {
     const ReleasedGil released;
-    return numbers.read(values.data(), pool);
+    return numbers.read(values.data(), *borrowed);
   }();
   return py::make_tuple(array_from(std::move(values)), bad);
 }
 
 py::tuple number_lines(const py::bytes& data, bool comments, int threads) {
   const auto text = static_cast<std::string_view>(data);
-  ThreadPool pool(threads_for(threads, static_cast<long>(text.size()), kBytesOfAThread));
+  const BorrowedPool borrowed(
+      threads_for(threads, static_cast<long>(text.size()), kBytesOfAThread));
   const NumberText::Lines lines = [&] {
     const ReleasedGil released;
-    return NumberText(text, comments, pool).lines(pool);
+    return NumberText(text, comments, *borrowed).lines(*borrowed);
   }();
   return py::make_tuple(array_of(lines.first), array_of(lines.count), array_of(lines.number));
 }
@@ -105,10 +106,10 @@ py::bytes ragged_text(const std::vector<Column>& head,
   }
   const TextRow heads = text_row(head, after_head, counts.size());
   const TextRow rows = text_row(item, after_item, items);
-  ThreadPool pool(threads_for(threads, counts.size() + items, kRowsOfAThread));
+  const BorrowedPool borrowed(threads_for(threads, counts.size() + items, kRowsOfAThread));
   const std::vector<std::string> texts = [&] {
     const ReleasedGil released;
-    return ragged_rows(heads, rows, tail, of_heads, pool);
+    return ragged_rows(heads, rows, tail, of_heads, *borrowed);
   }();
   return joined(texts);
 }

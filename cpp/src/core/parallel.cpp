@@ -157,7 +157,7 @@ void StopWatcher::look() {
 
 namespace {
 
-// The pool that no solve uses now, if there is one. It is never destroyed: its threads sleep until
+// The pool that no call uses now, if there is one. It is never destroyed: its threads sleep until
 // the process ends. The threads of a process stay behind where it is forked.
 struct IdlePool {
   std::mutex mutex;

@@ -176,8 +176,8 @@ class StopWatcher {
   Stopwatch since_last_;
 };
 
-// A pool for one solve: an idle one of that many threads if there is, or else a new one; idle
-// afterwards. To start a thread costs as much as a small part of a step, every solve.
+// A pool for one call: an idle one of that many threads if there is, or else a new one; idle
+// afterwards. To start a thread costs as much as a small part of a step.
 class BorrowedPool {
  public:
   explicit BorrowedPool(int num_threads);
