@@ -198,15 +198,15 @@ void BundleModel::plus(const State& state,
                        State& result) const {
   result.intrinsics = state.intrinsics;
   result.sensors = state.sensors;
-  pool_.parallel_for(1 + linear::num_point_tasks(graph_.num_points), [&](int task) {
-    if (task == 0) {
-      for (int i = 0; i < graph_.num_cameras; ++i)
-        move_camera(state, step, lengths.camera, i, result);
-    } else {
-      const int begin = (task - 1) * linear::kPointsPerTask;
-      const int end = std::min(begin + linear::kPointsPerTask, graph_.num_points);
-      move_points(state, step, lengths.point, begin, end, result);
-    }
+  const int points = graph_.num_points;
+  const auto part = static_cast<int>(linear::points_per_task(points));
+  const auto move_cameras = [&] {
+    for (int i = 0; i < graph_.num_cameras; ++i)
+      move_camera(state, step, lengths.camera, i, result);
+  };
+  pool_.parallel_for_beside(move_cameras, ThreadPool::num_parts(points, part), [&](int task) {
+    const int begin = task * part;
+    move_points(state, step, lengths.point, begin, std::min(begin + part, points), result);
   });
 }
 

@@ -103,10 +103,7 @@ void CameraBlockDiagonal::fold_block(int camera,
 
 template <class F>
 void CameraBlockDiagonal::for_each(const std::vector<int>& blocks, const F& f) const {
-  const auto count = static_cast<long>(blocks.size());
-  normal_.pool().parallel_for_parts(count, kCamerasPerTask, [&](long begin, long end) {
-    for (long k = begin; k < end; ++k) f(blocks[k]);
-  });
+  for_each_camera(normal_.pool(), static_cast<int>(blocks.size()), [&](int k) { f(blocks[k]); });
 }
 
 void CameraBlockDiagonal::factor(const std::vector<double>& diagonal,

@@ -52,10 +52,11 @@ void add_row(const Row& row, PointBlock& block) {
 template <class F>
 double max_over_points(const NormalEquations& normal, const F& f) {
   const int points = normal.graph().num_points;
-  const double largest = normal.pool().max(num_point_tasks(points), [&](int task) {
-    const int end = std::min((task + 1) * kPointsPerTask, points);
+  const long part = points_per_task(points);
+  const double largest = normal.pool().max(ThreadPool::num_parts(points, part), [&](int task) {
+    const long end = std::min<long>((task + 1) * part, points);
     double result = 0.0;
-    for (int p = task * kPointsPerTask; p < end; ++p) result = std::max(result, f(p));
+    for (long p = task * part; p < end; ++p) result = std::max(result, f(static_cast<int>(p)));
     return result;
   });
   return normal.exchange().max(largest);

@@ -18,9 +18,7 @@ void PointElimination::factor(const Damping& damping) {
   static_assert(sizeof(PointBlock) == sizeof(PointFactor));
   const std::vector<char>& is_free = normal_.map().free_point;
   const bool identity = damping.matrix == DampingMatrix::kIdentity;
-  normal_.pool().parallel_for(num_point_tasks(normal_.graph().num_points), [&](int task) {
-    const int begin = task * kPointsPerTask;
-    const int end = std::min(begin + kPointsPerTask, normal_.graph().num_points);
+  for_points(normal_.pool(), normal_.graph().num_points, [&](int begin, int end) {
     factor_points_(end - begin,
                    &normal_.point_block(begin).v00,
                    damping.lambda,
@@ -39,13 +37,10 @@ const double* PointElimination::expanded(int i) const {
 const double* PointElimination::point_sums(const std::vector<double>& x) {
   const ObservationGraph& graph = normal_.graph();
   const ParameterMap& map = normal_.map();
-  normal_.pool().parallel_for_parts(graph.num_cameras, kCamerasPerTask, [&](long begin, long end) {
-    for (long i = begin; i < end; ++i)
-      map.expand(x.data(), static_cast<int>(i), steps_.data() + map.camera_size * i);
+  for_each_camera(normal_.pool(), graph.num_cameras, [&](int i) {
+    map.expand(x.data(), i, steps_.data() + long{map.camera_size} * i);
   });
-  normal_.pool().parallel_for(num_point_tasks(graph.num_points), [&](int task) {
-    const int begin = task * kPointsPerTask;
-    const int end = std::min(begin + kPointsPerTask, graph.num_points);
+  for_points(normal_.pool(), graph.num_points, [&](int begin, int end) {
     normal_.kernels().point_sums(graph.view(),
                                  begin,
                                  end,
@@ -86,9 +81,7 @@ void OtherResiduals::solve_points(std::span<const double> residuals, Step& step)
 
 void OtherResiduals::eliminate(std::span<const double> residuals, double* shifts) {
   const ObservationGraph& graph = normal_.graph();
-  normal_.pool().parallel_for(num_point_tasks(graph.num_points), [&](int task) {
-    const int begin = task * kPointsPerTask;
-    const int end = std::min(begin + kPointsPerTask, graph.num_points);
+  for_points(normal_.pool(), graph.num_points, [&](int begin, int end) {
     double* x = shifts + 3L * begin;
     normal_.kernels().point_gradients(
         graph.view(), begin, end, normal_.jacobian(), residuals.data(), x);

@@ -226,7 +226,8 @@ void BlockSparseSchur::multiply(const std::vector<double>& x, std::vector<Number
   middle_ = middle_of_sum(normal_.exchange().max(largest_of_x()), size * most_terms_);
   normal_.pool().parallel_for(static_cast<int>(tasks_.size()),
                               [&](int task) { multiply_rows(tasks_[task]); });
-  normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
+  const int rows = pattern_.num_rows();
+  normal_.pool().parallel_for_parts(rows, cameras_per_task(rows), [&](long i, long end) {
     add_up(static_cast<int>(i), static_cast<int>(end));
   });
   normal_.for_each_camera_in_order([&](int i, Columns columns) {
@@ -237,28 +238,23 @@ void BlockSparseSchur::multiply(const std::vector<double>& x, std::vector<Number
 void BlockSparseSchur::expand(const std::vector<double>& x) {
   const ParameterMap& map = normal_.map();
   const long size = map.camera_size;
-  normal_.pool().parallel_for_parts(pattern_.num_rows(), kCamerasPerTask, [&](long i, long end) {
-    for (; i < end; ++i) {
-      if (!touched_[i]) continue;
-      double* of_camera = x_.data() + size * i;
-      map.expand(x.data(), static_cast<int>(i), of_camera);
-      for (long k = 0; k < size; ++k) of_camera[k] *= powers(static_cast<int>(i))[k];
-    }
+  for_each_camera(normal_.pool(), pattern_.num_rows(), [&](int i) {
+    if (!touched_[i]) return;
+    double* of_camera = x_.data() + size * i;
+    map.expand(x.data(), i, of_camera);
+    for (long k = 0; k < size; ++k) of_camera[k] *= powers(i)[k];
   });
 }
 
 double BlockSparseSchur::largest_of_x() const {
-  const int size = normal_.map().camera_size;
-  return normal_.pool().max(
-      ThreadPool::num_parts(pattern_.num_rows(), kCamerasPerTask), [&](int task) {
-        const int end = std::min((task + 1) * kCamerasPerTask, pattern_.num_rows());
-        double largest = 0.0;
-        for (int i = task * kCamerasPerTask; i < end; ++i) {
-          for (int k = 0; k < size; ++k)
-            largest = std::max(largest, std::abs(x_[static_cast<std::size_t>(size) * i + k]));
-        }
-        return largest;
-      });
+  const auto size = static_cast<long>(x_.size());
+  const long part = cameras_per_task(pattern_.num_rows()) * normal_.map().camera_size;
+  return normal_.pool().max(ThreadPool::num_parts(size, part), [&](int task) {
+    double largest = 0.0;
+    for (long k = task * part; k < std::min((task + 1) * part, size); ++k)
+      largest = std::max(largest, std::abs(x_[k]));
+    return largest;
+  });
 }
 
 void BlockSparseSchur::multiply_rows(const RowTask& task) {

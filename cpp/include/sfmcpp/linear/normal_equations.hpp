@@ -77,11 +77,33 @@ struct CameraModes {
   }
 };
 
-// Points per parallel task, and per task where there is little to do for each.
-inline constexpr int kPointsPerTask = 128;
+// Points, and cameras or their blocks, per parallel task: few where there are few, so that threads
+// end together.
+inline long points_per_task(long points) { return std::clamp(points / 32, 128L, 512L); }
+inline long cameras_per_task(long cameras) { return std::clamp(cameras / 16, 8L, 64L); }
+// Points per part of a sum.
 inline constexpr int kPointsPerSum = 512;
-// Cameras, or their blocks, per parallel task.
-inline constexpr int kCamerasPerTask = 16;
+
+// Calls f(begin, end) for consecutive points, in parallel.
+template <class F>
+void for_points(ThreadPool& pool, int num_points, const F& f) {
+  pool.parallel_for_parts(num_points, points_per_task(num_points), [&](long begin, long end) {
+    f(static_cast<int>(begin), static_cast<int>(end));
+  });
+}
+// Calls f(p) for every point, and f(i) for every camera, in parallel.
+template <class F>
+void for_each_point(ThreadPool& pool, int num_points, const F& f) {
+  for_points(pool, num_points, [&](int begin, int end) {
+    for (int p = begin; p < end; ++p) f(p);
+  });
+}
+template <class F>
+void for_each_camera(ThreadPool& pool, int num_cameras, const F& f) {
+  pool.parallel_for_parts(num_cameras, cameras_per_task(num_cameras), [&](long begin, long end) {
+    for (long i = begin; i < end; ++i) f(static_cast<int>(i));
+  });
+}
 
 class NormalEquations {
  public:
@@ -169,9 +191,7 @@ class NormalEquations {
   // order.
   template <class F>
   void for_each_camera_in_order(const F& add) const {
-    pool_.parallel_for_parts(graph_.num_cameras, kCamerasPerTask, [&](long begin, long end) {
-      for (long i = begin; i < end; ++i) add(static_cast<int>(i), Columns::kOfOneCamera);
-    });
+    for_each_camera(pool_, graph_.num_cameras, [&](int i) { add(i, Columns::kOfOneCamera); });
     for (int i = 0; map_.has_shared_columns && i < graph_.num_cameras; ++i)
       add(i, Columns::kShared);
   }
@@ -246,15 +266,5 @@ class NormalEquations {
   double gradient_max_norm_ = 0.0;
   long num_linearizations_ = 0;
 };
-
-inline int num_point_tasks(int points) { return ThreadPool::num_parts(points, kPointsPerTask); }
-
-// Calls f(p) for every point, in parallel.
-template <class F>
-void for_each_point(ThreadPool& pool, int num_points, const F& f) {
-  pool.parallel_for_parts(num_points, kPointsPerTask, [&](long begin, long end) {
-    for (long p = begin; p < end; ++p) f(static_cast<int>(p));
-  });
-}
 
 }  // namespace sfmcpp::linear
