@@ -163,17 +163,28 @@ DenseCholesky::DenseCholesky(int size, const CholeskyKernels& kernels)
   for (int row = 0; row < padded_size(); ++row)
     row_places_.push_back(strip_begin(row / kStrip) + row % kStrip);
   matrix_.resize(static_cast<std::size_t>(strip_begin(num_strips())));
+  set_padding();
 }
 
 void DenseCholesky::set_zero(ThreadPool& pool) {
   pool.parallel_for(num_strips(), [this](int strip) {
     std::fill(matrix_.data() + strip_begin(strip), matrix_.data() + strip_begin(strip + 1), 0.0);
   });
-  for (int k = size_; k < padded_size(); ++k) at(k, k) = 1.0;
+  set_padding();
+}
+
+// Rows of the identity, and so are those of its factor.
+void DenseCholesky::set_padding() {
+  for (int row = size_; row < padded_size(); ++row) {
+    for (int column = 0; column < row; ++column) at(row, column) = 0.0;
+    at(row, row) = 1.0;
+  }
 }
 
 bool DenseCholesky::factorize(ThreadPool& pool) {
-  return Factorization(kernels_, matrix_.data(), progress_, pool).run();
+  const bool is_positive = Factorization(kernels_, matrix_.data(), progress_, pool).run();
+  if (!is_positive) set_padding();  // may be no numbers any more
+  return is_positive;
 }
 
 void DenseCholesky::solve(std::span<double> x, int rows) const {

@@ -39,8 +39,11 @@ class DenseReducedSolver final : public ReducedSolver {
         cholesky_(map().num_columns) {}
 
   void start(const std::vector<double>& diagonal) override {
+    diagonal_.resize(diagonal.size());
+    for (int k = 0; k < cholesky_.size(); ++k) diagonal_[place(k)] = diagonal[k];
+    if (!map().has_shared_columns) return;
     cholesky_.set_zero(pool_);
-    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(place(k), place(k)) = diagonal[k];
+    for (int k = 0; k < cholesky_.size(); ++k) cholesky_.at(k, k) = diagonal_[k];
   }
   bool factorize() override { return cholesky_.factorize(pool_); }
   void solve_columns(Eigen::MatrixXd& x) override {
@@ -61,6 +64,10 @@ class DenseReducedSolver final : public ReducedSolver {
   double log_determinant() const override { return cholesky_.log_determinant(); }
 
  private:
+  // Every pair of cameras has a place of its own, which is written once.
+  const double* diagonal_to_set() const override {
+    return map().has_shared_columns ? nullptr : diagonal_.data();
+  }
   std::span<double> values() override { return cholesky_.values(); }
   int position(int block) const override { return block; }
   BlockPlace place(int row_block, int column_block) const override {
@@ -83,7 +90,8 @@ class DenseReducedSolver final : public ReducedSolver {
   ThreadPool& pool_;
   std::unique_ptr<const PosesFirst> order_;
   DenseCholesky cholesky_;
-  std::vector<double> placed_;  // a right-hand side
+  std::vector<double> diagonal_;  // in the order of the matrix
+  std::vector<double> placed_;    // a right-hand side, likewise
 };
 
 class SparseReducedSolver final : public ReducedSolver {
@@ -233,45 +241,79 @@ void ReducedSolver::add_segments(int camera, const std::vector<char>& shared) {
   segment_begin_.push_back(segments_.size());
 }
 
+// For a camera block in the places of two segments: what is there and what is added.
+struct ReducedSolver::Adds {
+  void operator()(double& entry, double value) const { entry += value; }
+};
+struct ReducedSolver::Sets {
+  void operator()(double& entry, double value) const { entry = value; }
+};
+
 void ReducedSolver::add_row(int i, const double* row_blocks, Columns columns) {
+  if (const double* diagonal = diagonal_to_set()) return set_row(i, row_blocks, diagonal);
   const long area = static_cast<long>(map_.camera_size) * map_.camera_size;
   for (long block = pattern_.row_begin[i]; block < pattern_.row_begin[i + 1]; ++block) {
     const int j = pattern_.column[block];
     for (const Segment& a : segments_of(i)) {
       for (const Segment& b : segments_of(j)) {
         if ((a.shared || b.shared) != (columns == Columns::kShared)) continue;
-        add_pair(a, b, i == j, row_blocks + area * (block - pattern_.row_begin[i]));
+        put_pair(a, b, i == j, row_blocks + area * (block - pattern_.row_begin[i]), Adds());
       }
     }
   }
 }
 
+// What is not in the pattern is zero, too.
+void ReducedSolver::set_row(int i, const double* row_blocks, const double* diagonal) {
+  static constexpr double kZeros[kMaxCameraSize * kMaxCameraSize] = {};
+  const long area = static_cast<long>(map_.camera_size) * map_.camera_size;
+  const std::span<const int> met = pattern_.columns_of_row(i);
+  std::size_t next = 0;
+  for (int j = i; j < pattern_.num_rows(); ++j) {
+    const bool is_met = next < met.size() && met[next] == j;
+    const double* block = is_met ? row_blocks + area * static_cast<long>(next) : kZeros;
+    next += is_met;
+    for (const Segment& a : segments_of(i)) {
+      for (const Segment& b : segments_of(j)) put_pair(a, b, i == j, block, Sets());
+    }
+  }
+  for (const Segment& of : segments_of(i)) {
+    const BlockPlace at = place(position(of.block), position(of.block));
+    for (int k = of.offset; k < of.offset + of.length; ++k)
+      values()[at.of(k, k)] += diagonal[map_.block_begin[of.block] + k];
+  }
+}
+
 // A block on the diagonal is symmetric: only its lower half counts.
-void ReducedSolver::add_pair(const Segment& rows,
+template <class Put>
+void ReducedSolver::put_pair(const Segment& rows,
                              const Segment& columns,
                              bool diagonal,
-                             const double* block) {
-  if (rows.block == columns.block) return add_within(rows, columns, diagonal, block);
+                             const double* block,
+                             const Put& put) {
+  if (rows.block == columns.block) return put_within(rows, columns, diagonal, block, put);
   if (diagonal && rows.block < columns.block) return;
   const int row_block = position(rows.block), column_block = position(columns.block);
   double* matrix = values().data();
   if (row_block > column_block) {
     const BlockPlace at = place(row_block, column_block);
     for_each_entry_fast(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
-      matrix[at.of(r, c)] += value;
+      put(matrix[at.of(r, c)], value);
     });
   } else {
     const BlockPlace at = place(column_block, row_block);
     for_each_entry_fast(rows, columns, map_.camera_size, block, [&](int r, int c, double value) {
-      matrix[at.of(c, r)] += value;
+      put(matrix[at.of(c, r)], value);
     });
   }
 }
 
-void ReducedSolver::add_within(const Segment& rows,
+template <class Put>
+void ReducedSolver::put_within(const Segment& rows,
                                const Segment& columns,
                                bool diagonal,
-                               const double* block) {
+                               const double* block,
+                               const Put& put) {
   const int position_of_both = position(rows.block);
   const BlockPlace at = place(position_of_both, position_of_both);
   double* matrix = values().data();
@@ -279,7 +321,7 @@ void ReducedSolver::add_within(const Segment& rows,
     if (diagonal && r < c) return;
     // A shared parameter meets itself: blocks (i, j) and (j, i) both add to the diagonal.
     const double share = r == c && !diagonal ? 2.0 * value : value;
-    matrix[at.of(std::max(r, c), std::min(r, c))] += share;
+    put(matrix[at.of(std::max(r, c), std::min(r, c))], share);
   });
 }
 

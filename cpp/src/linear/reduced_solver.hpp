@@ -48,6 +48,8 @@ class ReducedSolver {
 
  protected:
   const ParameterMap& map() const { return map_; }
+  // Where rows set the matrix, with the diagonal of `start`, instead of adding to it; else null.
+  virtual const double* diagonal_to_set() const { return nullptr; }
   // What lies above the diagonal is never read.
   virtual std::span<double> values() = 0;
   // Variable blocks by their place in the order of the matrix; row_block ≥ column_block.
@@ -70,8 +72,21 @@ class ReducedSolver {
             segments_.data() + segment_begin_[camera + 1]};
   }
   void add_segments(int camera, const std::vector<char>& shared);
-  void add_pair(const Segment& rows, const Segment& columns, bool diagonal, const double* block);
-  void add_within(const Segment& rows, const Segment& columns, bool diagonal, const double* block);
+  struct Adds;
+  struct Sets;
+  void set_row(int i, const double* row_blocks, const double* diagonal);
+  template <class Put>
+  void put_pair(const Segment& rows,
+                const Segment& columns,
+                bool diagonal,
+                const double* block,
+                const Put& put);
+  template <class Put>
+  void put_within(const Segment& rows,
+                  const Segment& columns,
+                  bool diagonal,
+                  const double* block,
+                  const Put& put);
 
   // Variable blocks that S couples; the row comes later in the order of the matrix, or is the same.
   struct Couple {

@@ -26,8 +26,7 @@ MatrixXd random_spd(int n, unsigned seed) {
 class DenseCholeskySizes : public testing::TestWithParam<int> {};
 
 // To the lower triangle of a.
-void set(const MatrixXd& a, DenseCholesky& cholesky, ThreadPool& pool) {
-  cholesky.set_zero(pool);
+void set(const MatrixXd& a, DenseCholesky& cholesky) {
   for (int c = 0; c < a.cols(); ++c) {
     for (int r = c; r < a.rows(); ++r) cholesky.at(r, c) = a(r, c);
   }
@@ -35,7 +34,7 @@ void set(const MatrixXd& a, DenseCholesky& cholesky, ThreadPool& pool) {
 
 DenseCholesky factored(const MatrixXd& a, ThreadPool& pool) {
   DenseCholesky cholesky(static_cast<int>(a.rows()));
-  set(a, cholesky, pool);
+  set(a, cholesky);
   EXPECT_TRUE(cholesky.factorize(pool));
   return cholesky;
 }
@@ -55,7 +54,7 @@ bool solve_dense(const MatrixXd& a,
                  const CholeskyKernels& kernels = cholesky_kernels()) {
   const int n = static_cast<int>(a.rows());
   DenseCholesky cholesky(n, kernels);
-  set(a, cholesky, pool);
+  set(a, cholesky);
   if (!cholesky.factorize(pool)) return false;
   solve(cholesky, n, x);
   return true;
@@ -152,6 +151,22 @@ TEST_P(DenseCholeskySizes, RefusesAMatrixThatIsNotPositiveDefinite) {
       EXPECT_FALSE(solve_dense(a, x, pool)) << "pivot " << bad << " = " << pivot;
     }
   }
+}
+
+// Every entry was no number then.
+TEST_P(DenseCholeskySizes, IsSetAnewAfterARefusal) {
+  const int n = GetParam();
+  ThreadPool pool(2);
+  const MatrixXd a = random_spd(n, 9);
+  DenseCholesky cholesky(n);
+  set(std::nan("") * a, cholesky);
+  EXPECT_FALSE(cholesky.factorize(pool));
+  set(a, cholesky);
+  ASSERT_TRUE(cholesky.factorize(pool));
+  VectorXd x = VectorXd::Ones(n);
+  const VectorXd expected = a.llt().solve(x);
+  solve(cholesky, n, x);
+  EXPECT_LT((x - expected).norm(), 1e-10 * expected.norm());
 }
 
 // Around every size of panel, strip and tile, and beyond the size from which tasks grow.

@@ -40,6 +40,7 @@ class DenseCholesky {
   double at(int row, int column) const { return matrix_[place(row, column)]; }
   double& at(int row, int column) { return matrix_[place(row, column)]; }
 
+  // For those who do not set every entry.
   void set_zero(ThreadPool& pool);
   // False if the matrix is not positive definite.
   bool factorize(ThreadPool& pool);
@@ -53,6 +54,7 @@ class DenseCholesky {
   double log_determinant() const;
 
  private:
+  void set_padding();
   int num_strips() const { return static_cast<int>(progress_.size()); }
   std::size_t place(int row, int column) const {
     return static_cast<std::size_t>(row_places_[row] + kStrip * std::int64_t{column});
