@@ -9,6 +9,7 @@
 #include "sfmcpp/ba/rigs.hpp"
 #include "sfmcpp/core/buffer_store.hpp"
 #include "sfmcpp/core/error.hpp"
+#include "sfmcpp/core/machine.hpp"
 #include "sfmcpp/math/statistics.hpp"
 
 namespace sfmcpp::ba {
@@ -181,7 +182,8 @@ class PagesAhead {
   std::size_t begin_, end_;
 };
 
-// The graph needs indices alone: it is made while the other numbers are checked.
+// The graph needs indices alone: it is made while the other numbers are checked, and while it is
+// read from files how much memory a process may have, which the choice of the solver asks next.
 linear::ObservationGraph checked_graph(const Problem& problem,
                                        const SolveOptions& options,
                                        const optim::State& start,
@@ -199,9 +201,10 @@ linear::ObservationGraph checked_graph(const Problem& problem,
     };
     const PagesAhead pages(problem, pool);
     pool.parallel_for_beside([&] { of_indices = thrown_by(use_indices); },
-                             1 + pages.parts(),
+                             2 + pages.parts(),
                              [&](int task) {
-                               if (task > 0) return pages.populate(task - 1);
+                               if (task > 1) return pages.populate(task - 2);
+                               if (task > 0) return static_cast<void>(memory_limit_bytes());
                                of_values = thrown_by([&] { check_values(problem); });
                              });
     rethrow(of_indices);
