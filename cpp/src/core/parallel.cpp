@@ -15,7 +15,7 @@
 namespace sfmcpp {
 namespace {
 
-constexpr double kSpinSeconds = 5e-4;
+constexpr double kSpinSeconds = 2.5e-4;
 constexpr double kSecondsBetweenQuestions = 0.2;  // of a StopWatcher
 constexpr unsigned kSpinsBetweenLooks = 32;  // at the clock, or before giving the processor away
 constexpr long kObservationsWorthAThread = 4000;
