@@ -91,7 +91,7 @@ def adjust(
     given = number_array("intrinsics", problem.intrinsics).copy()
     core = _core.solve(arrays, options, report, *_save_and_resume(checkpoints))
     unit = _unit_of_residuals([_has_own_sigmas(arrays)])
-    summary = replace(_summary(core, options), rms_unit=unit)
+    summary = _summary(core, options, unit)
     calibration = warnings_about_calibration(problem, given)
     if unit == "px" and not calibration:  # which explains the result
         calibration += warnings_about_result(problem, summary)
@@ -103,7 +103,7 @@ def adjust(
         *warnings_about_loss(arrays, summary),
         *checkpoints.warnings,
     ]
-    return replace(summary, warnings=warnings)
+    return summary if warnings == summary.warnings else replace(summary, warnings=warnings)
 
 
 def require_callback(callback: Callback | None) -> None:
@@ -172,7 +172,7 @@ def adjust_on_ranks(
         parts.collect()
         ranks.agreed(listener.reraise)
         unit = _unit_of_residuals(ranks.everyones(_has_own_sigmas(arrays)))
-        summary = replace(_summary(core, options), rms_unit=unit)
+        summary = _summary(core, options, unit)
         loads = ranks.everyones(_rank_load(parts.mine, core, exchange))
         iterations = listener.all_with_bytes(summary.iterations)
         about_loss = warnings_about_loss(arrays, summary, ranks)
@@ -290,7 +290,7 @@ def _iteration(core: _core.CoreIteration) -> Iteration:
     return Iteration(**{name: getattr(core, name) for name in _OF_ITERATION})
 
 
-def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
+def _summary(core: _core.CoreSummary, options: SolveOptions, rms_unit: str) -> Summary:
     values: dict[str, Any] = {name: getattr(core, name) for name in _OF_SUMMARY}
     values["iterations"] = [_iteration(iteration) for iteration in core.iterations]
     values["linear_solver_forecast"] = [
@@ -298,7 +298,7 @@ def _summary(core: _core.CoreSummary, options: SolveOptions) -> Summary:
     ]
     values["linear_solver_changes"] = [LinearSolverChange(**change) for change in core.linear_solver_changes]
     used = {name: getattr(options, name) for name in ("method", "line_search", "loss")}
-    return Summary(**values, **used, options=options.to_dict(), version=_core.__version__)
+    return Summary(**values, **used, rms_unit=rms_unit, options=options.to_dict(), version=_core.__version__)
 
 
 def continues_after(answer: object) -> bool:

@@ -82,10 +82,13 @@ def short_focal(problem: Problem, intrinsics: FloatArray) -> str | None:
     """
     if problem.num_observations < _FEWEST or "f" not in problem.intrinsic_names:
         return None
-    rows = problem.intrinsics_index[problem.camera_index[_sample(problem)]]
     centres = _principal_points(problem, intrinsics)
     focals = np.abs(intrinsics[:, problem.intrinsic_names.index("f")])
     x, y = problem.pixels[_sample(problem)].T
+    farthest = math.hypot(_largest(x), _largest(y)) + (0.0 if centres is None else 2 * _largest(centres))
+    if farthest < _BEYOND_LENSES * focals.min():
+        return None
+    rows = problem.intrinsics_index[problem.camera_index[_sample(problem)]]
     if centres is not None:
         x, y = x - centres[rows, 0], y - centres[rows, 1]
     with np.errstate(over="ignore"):
@@ -102,6 +105,11 @@ def short_focal(problem: Problem, intrinsics: FloatArray) -> str | None:
         "off the axis, which no lens has: is f in mm? It must be in px: mm × image width [px] / sensor width "
         "[mm]"
     )
+
+
+def _largest(numbers: FloatArray) -> float:
+    """The largest magnitude."""
+    return max(float(numbers.max()), -float(numbers.min()))
 
 
 def warnings_about_result(problem: Problem, summary: Summary) -> Iterator[str]:
