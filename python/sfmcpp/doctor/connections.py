@@ -43,14 +43,14 @@ def parts(case: Case) -> NDArray[np.int64]:
     ties = np.array(_relative_constraints(case), dtype=np.int64).reshape(-1, 2)
     joined = coo_matrix((np.ones(len(ties), dtype=np.int32), (ties[:, 0], ties[:, 1])), shape=(count, count))
     _, labels = connected_components(case.common_points + joined, directed=False)
-    held = _held_by_points(case.problem, labels.astype(np.int64))
+    held = held_by_points(case.problem, labels.astype(np.int64))
     held[labels[_placed_cameras(case)]] = True
     if held.any():
         labels = np.where(held[labels], np.argmax(held), labels)
     return _labels_by_weight(labels.astype(np.int64), case.views_of_cameras)
 
 
-def _held_by_points(problem: Problem, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
+def held_by_points(problem: Problem, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which groups, given for each camera, see enough fixed points to have a place in the world."""
     fixed = problem.fixed_points[problem.point_index]
     pairs = np.stack([groups[problem.camera_index[fixed]], problem.point_index[fixed]])
@@ -166,7 +166,7 @@ def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tup
     """Cameras of each group that shares too few points with all others, and how many."""
     groups = _rigid_groups(case)
     ties = np.array(_relative_constraints(case), dtype=np.int64).reshape(-1, 2)
-    held = _held_by_points(case.problem, groups)
+    held = held_by_points(case.problem, groups)
     found = []
     for part in range(labels.max(initial=-1) + 1):
         in_part, sizes = np.unique(groups[labels == part], return_counts=True)

@@ -27,6 +27,38 @@ def test_a_single_camera_before_fixed_points_is_determined(known: int, found: se
     assert codes(problem) == found
 
 
+def test_cameras_at_one_place_need_no_baseline_before_fixed_points() -> None:
+    problem = scene(8).with_cameras(np.arange(1)).with_points(np.arange(40))
+    turned = Problem(
+        problem.camera_model,
+        np.repeat(problem.cameras, 3, axis=0),
+        problem.intrinsics,
+        problem.points,
+        np.repeat(np.arange(3), 40),
+        np.tile(problem.point_index, 3),
+        np.tile(problem.pixels, (3, 1)),
+        intrinsics_index=np.zeros(3, dtype=np.int32),
+    )
+    assert codes(turned) >= {"no-baseline"}
+    turned.fixed_points[:] = True
+    assert codes(turned) <= {"duplicate-cameras"}
+    beside = turned.copy()
+    beside.cameras[:, 0, 3] += [0.0, 1e-3, 2e-3]
+    assert codes(beside) <= {"duplicate-cameras"}
+    beside.fixed_points[:] = False
+    assert codes(beside) >= {"pure-rotation"}
+
+
+def test_outliers_of_a_single_camera_are_found_among_fixed_points_and_only_they_are_dropped() -> None:
+    problem = scene(3).with_cameras(np.arange(1))
+    problem.fixed_points[:] = True
+    problem.pixels[[5, 17]] += [40.0, -30.0]
+    (found,) = diagnose(problem).findings
+    assert (found.code, found.observations) == ("outliers", (5, 17))
+    kept = repair(problem).problem
+    np.testing.assert_array_equal(kept.point_index, np.delete(problem.point_index, [5, 17]))
+
+
 def test_a_single_camera_before_free_points_has_all_freedoms() -> None:
     problem = scene(3).with_cameras(np.arange(1))
     assert codes(problem) >= {"weak-cameras", "gauge-freedoms"}
