@@ -255,6 +255,6 @@ def observation_keys(problem: Problem) -> NDArray[np.int64]:
 
 
 def without_single_views(problem: Problem) -> Problem:
-    """The problem without observations of points that nothing else observes."""
+    """The problem without observations of points that nothing else observes, but for fixed ones."""
     views = np.bincount(problem.point_index, minlength=problem.num_points)
-    return problem.with_observations((views > 1)[problem.point_index])
+    return problem.with_observations(((views > 1) | problem.fixed_points)[problem.point_index])

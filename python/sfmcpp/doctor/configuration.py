@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sfmcpp.doctor.case import Case
+from sfmcpp.doctor.connections import held_by_points
 from sfmcpp.doctor.conventions import better_at_start
 from sfmcpp.doctor.finding import Finding, named_points, numbers
 from sfmcpp.geometry.pinhole import (
@@ -42,7 +43,8 @@ def pure_rotation(case: Case) -> Iterator[Finding]:
     """Find image sets that a purely rotating camera explains: they do not determine depths."""
     if case.is_misread or not case.problem.num_observations:
         return
-    turned = [_is_turned(case, *pair) for pair in _pairs(case)]
+    held = _held_cameras(case)
+    turned = [_is_turned(case, *pair) for pair in _pairs(case) if not held[list(pair)].all()]
     if len(turned) and np.mean(turned) >= _MOST:
         yield Finding(
             "pure-rotation",
@@ -52,6 +54,11 @@ def pure_rotation(case: Case) -> Iterator[Finding]:
             "take images from other positions, or fix the centres and solve for a panorama",
             measures={"pairs": float(len(turned)), "share": float(np.mean(turned))},
         )
+
+
+def _held_cameras(case: Case) -> NDArray[np.bool_]:
+    """(C,) cameras whose place fixed points tell, without any baseline."""
+    return held_by_points(case.problem, np.arange(case.problem.num_cameras))
 
 
 def _pairs(case: Case) -> list[tuple[int, int]]:
@@ -96,7 +103,7 @@ def angles(case: Case) -> Iterator[Finding]:
     problem = trial.problem
     parallax_px = np.radians(triangulation_angles_deg(problem, problem.points)) * case.focal_px
     seen = np.bincount(problem.point_index, minlength=problem.num_points) > 1
-    small = seen & (parallax_px < _SIGMAS * trial.sigma_px)
+    small = seen & ~problem.fixed_points & (parallax_px < _SIGMAS * trial.sigma_px)
     if not small.any():
         return
     share = np.count_nonzero(small) / np.count_nonzero(seen)
@@ -116,7 +123,7 @@ def angles(case: Case) -> Iterator[Finding]:
 def coincident_centres(case: Case) -> Iterator[Finding]:
     """Find an initial state with all cameras at the same position."""
     problem = case.problem
-    seen = case.views_of_cameras > 0
+    seen = (case.views_of_cameras > 0) & ~_held_cameras(case)
     if seen.sum() < 2:
         return
     spread = _spread(problem.centres[seen])

@@ -17,6 +17,7 @@ from sfmcpp.wording import counted, first_few
 # Three points determine a similarity, or a pose; one wrong among k is told from the others if the k − 1 that
 # are left still have one to spare: k = 3 + 2.
 POINTS_TO_TELL_AN_OUTLIER = 5
+_POINTS_OF_A_SIMILARITY = 3
 _ROTATION = (3, 3)
 
 
@@ -33,7 +34,7 @@ def parts(case: Case) -> NDArray[np.int64]:
     """(C,) part of each camera, the one of most observations first; −1 for cameras that see nothing.
 
     Cameras that are fixed, tied by a constraint to a place in the world or to each other, or of one rigid
-    frame are of one part.
+    frame are of one part, and so are parts that fixed points hold in the world.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -42,24 +43,52 @@ def parts(case: Case) -> NDArray[np.int64]:
     ties = np.array(_relative_constraints(case), dtype=np.int64).reshape(-1, 2)
     joined = coo_matrix((np.ones(len(ties), dtype=np.int32), (ties[:, 0], ties[:, 1])), shape=(count, count))
     _, labels = connected_components(case.common_points + joined, directed=False)
+    held = held_by_points(case.problem, labels.astype(np.int64))
+    held[labels[_placed_cameras(case)]] = True
+    if held.any():
+        labels = np.where(held[labels], np.argmax(held), labels)
     return _labels_by_weight(labels.astype(np.int64), case.views_of_cameras)
+
+
+def held_by_points(problem: Problem, groups: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which groups, given for each camera, see enough fixed points to have a place in the world."""
+    fixed = problem.fixed_points[problem.point_index]
+    pairs = np.stack([groups[problem.camera_index[fixed]], problem.point_index[fixed]])
+    seen = np.bincount(np.unique(pairs, axis=1)[0], minlength=groups.max(initial=-1) + 1)
+    return np.asarray(seen >= _POINTS_OF_A_SIMILARITY)
 
 
 def _relative_constraints(case: Case) -> list[tuple[int, int]]:
     """Pairs of cameras whose relative position does not rest on common points."""
-    absolute: list[NDArray[np.integer]] = [np.flatnonzero(case.problem.fixed_cameras)]
     pairs: list[tuple[int, int]] = []
-    for group in case.constraints:
-        if group.weight <= 0 or group.cameras is None or not _is_on_places(group):
-            continue
-        if group.cameras.ndim == 1 and isinstance(group, ResidualGroup) and group.points is not None:
-            pairs += _edges_to_observers(case.problem, group.cameras, group.points)
-        elif group.cameras.ndim == 1:
-            absolute.append(group.cameras)
-        else:
-            pairs += [(int(a), int(b)) for a, b in group.cameras]
-    held = np.concatenate(absolute)
+    for group, cameras in _groups_on_places(case):
+        if (points := _points_of(group, cameras)) is not None:
+            pairs += _edges_to_observers(case.problem, cameras, points)
+        elif cameras.ndim == 2:
+            pairs += [(int(a), int(b)) for a, b in cameras]
+    held = _placed_cameras(case)
     return pairs + _edges_of_frames(case.problem.rigs) + [(int(held[0]), int(k)) for k in held[1:]]
+
+
+def _placed_cameras(case: Case) -> NDArray[np.int64]:
+    """Cameras that are fixed, or that a constraint ties to a place in the world."""
+    placed: list[NDArray[np.integer]] = [np.flatnonzero(case.problem.fixed_cameras)]
+    for group, cameras in _groups_on_places(case):
+        if cameras.ndim == 1 and _points_of(group, cameras) is None:
+            placed.append(cameras)
+    return np.concatenate(placed).astype(np.int64)
+
+
+def _groups_on_places(case: Case) -> Iterator[tuple[Group, IndexArray]]:
+    """Groups of constraints that say where their cameras are."""
+    for group in case.constraints:
+        if group.weight > 0 and group.cameras is not None and _is_on_places(group):
+            yield group, group.cameras
+
+
+def _points_of(group: Group, cameras: IndexArray) -> IndexArray | None:
+    """The points of a group that says where each of its cameras is beside one; None of another group."""
+    return group.points if isinstance(group, ResidualGroup) and cameras.ndim == 1 else None
 
 
 def _is_on_places(group: Group) -> bool:
@@ -137,6 +166,7 @@ def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tup
     """Cameras of each group that shares too few points with all others, and how many."""
     groups = _rigid_groups(case)
     ties = np.array(_relative_constraints(case), dtype=np.int64).reshape(-1, 2)
+    held = held_by_points(case.problem, groups)
     found = []
     for part in range(labels.max(initial=-1) + 1):
         in_part, sizes = np.unique(groups[labels == part], return_counts=True)
@@ -144,7 +174,7 @@ def _weakly_tied_groups(case: Case, labels: NDArray[np.int64]) -> list[tuple[tup
         for group in in_part[(sizes > 1) & (np.arange(len(sizes)) != np.argmax(sizes))]:
             members = groups == group
             shared = _points_shared(case, members)
-            is_tied = (members[ties[:, 0]] != members[ties[:, 1]]).any()
+            is_tied = held[group] or (members[ties[:, 0]] != members[ties[:, 1]]).any()
             if not is_tied and 0 < shared < POINTS_TO_TELL_AN_OUTLIER:
                 found.append((numbers(np.flatnonzero(members)), shared))
     return found
@@ -188,9 +218,11 @@ def _points_shared(case: Case, inside: NDArray[np.bool_]) -> int:
 
 
 def _weak_cameras(case: Case) -> Iterator[Finding]:
-    """Cameras with too few shared points to determine their pose and detect a wrong one."""
+    """Cameras with too few shared or fixed points to determine their pose and detect a wrong one."""
     problem = case.problem
-    useful = np.asarray(case.incidence.sum(axis=1)).ravel()
+    alone = problem.fixed_points & (case.views_of_points == 1)
+    known = np.bincount(problem.camera_index[alone[problem.point_index]], minlength=problem.num_cameras)
+    useful = np.asarray(case.incidence.sum(axis=1)).ravel() + known
     wanted = POINTS_TO_TELL_AN_OUTLIER + (_own_intrinsics(case) + 1) // 2
     free = ~problem.fixed_cameras & ~_tied_cameras(case) & (case.views_of_cameras > 0)
     weak = numbers(np.flatnonzero(free & (useful < wanted)))

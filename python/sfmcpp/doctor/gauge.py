@@ -88,7 +88,7 @@ def _freedoms_finding(case: Case, motions: FloatArray) -> Finding:
 
 
 def _free_motions(model: LinearModel, problem: Problem) -> FloatArray:
-    """(k, 7) orthonormal similarities under which no residual changes, to first order.
+    """(k, 7) orthonormal similarities that move something and change no residual, to first order.
 
     They are the null space of ``(J T)ᵀ (J T)``: J is the Jacobian of observations and constraints, T the
     response of all that is free to the generators ``X ← X + ω × X + v + s X``, in units of the scene. Every
@@ -119,7 +119,15 @@ def _free_motions(model: LinearModel, problem: Problem) -> FloatArray:
         jacobian, answers = rows.jacobian(), of_columns[: rows.columns]
         held += _normalised_products(jacobian @ answers, np.asarray(abs(jacobian) @ abs(answers)))
     values, vectors = np.linalg.eigh(held)
-    return np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T)
+    return _moving(np.asarray(vectors[:, values <= _NEGLIGIBLE**2].T), of_columns)
+
+
+def _moving(motions: FloatArray, of_columns: FloatArray) -> FloatArray:
+    """The motions (k, 7) that move a column: growing about the only camera moves none beside fixed points."""
+    largest = np.abs(of_columns).max(axis=1, initial=0.0)
+    moved = of_columns[largest > 0] / largest[largest > 0, None] @ motions.T
+    sizes, vectors = np.linalg.eigh(moved.T @ moved)
+    return np.asarray(vectors[:, sizes > _NEGLIGIBLE**2].T @ motions)
 
 
 def _motions_in_scene(problem: Problem, positions: FloatArray) -> FloatArray:

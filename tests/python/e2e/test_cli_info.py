@@ -126,6 +126,41 @@ def test_a_calibration_tells_its_cameras(tmp_path: Path) -> None:
     assert "stereo.yml:1: holds no camera" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("K.txt", "100 0 32\n0 101 24\n0 0 1\n"),
+        ("mine.txt", "100 0 32\n0 101 24\n0 0 1\n"),
+        ("calib.txt", "P0: 100 0 32 0 0 101 24 0 0 0 1 0\nP1: 100 0 32 -54 0 101 24 0 0 0 1 0\n"),
+        ("calib.json", '{"mtx": [[100, 0, 32], [0, 101, 24], [0, 0, 1]]}'),
+    ],
+)
+def test_calibrations_of_text_and_json_are_told(tmp_path: Path, name: str, text: str) -> None:
+    pytest.importorskip("yaml", reason="PyYAML is not installed: pip install 'sfmcpp[vision]'")
+    (tmp_path / name).write_text(text)
+    found = facts(tmp_path / name)
+    assert found.pop("format") == "calibration"
+    assert found["camera" if name.endswith("txt") else "mtx"].startswith("f = 100 px, aspect 1.01, princ")
+
+
+def test_tables_are_told_by_their_lines_where_their_name_tells_nothing(tmp_path: Path) -> None:
+    log = "".join(f"{k}\t36\n" for k in range(5))
+    tum = "".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(5))
+    tracks = "".join(f"{image},{track},{track}.5,7.5\n" for image in range(3) for track in range(4))
+    for name, text, kind in (
+        ("log.tsv", f"t [s]\tspeed [m/s]\n{log}", "sensor file"),
+        ("log.dat", f"t [s]\tspeed [m/s]\n{log}", "sensor file"),
+        ("poses.tum", tum, "trajectory"),
+        ("tracks.csv", tracks, "tracks of uncalibrated images"),
+        ("positions.tsv", "name\tx\ty\tz\na.jpg\t1\t2\t3\n", "positions of images"),
+    ):
+        (tmp_path / name).write_text(text)
+        assert facts(tmp_path / name)["format"] == kind
+    for name, data in (("notes", b"no table\n"), ("model.bin", tum.encode() + b"\0")):
+        (tmp_path / name).write_bytes(data)
+        assert f"{name}: its name tells no format: must end in" in run_here("info", tmp_path / name).stderr
+
+
 def test_a_folder_of_images_tells_size_times_and_camera(tmp_path: Path) -> None:
     cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
     for k in range(3):

@@ -41,6 +41,7 @@ def test_the_example_runs_with_the_installed_library(built: Path, tmp_path: Path
     assert "\ndepth of point 0: " in told
     resumed = run(build / "own_functions").splitlines()
     assert resumed[1] == "the callback asked to stop"
+    assert run(build / "own_camera").splitlines()[1].startswith("converged, RMS ")
     assert_bal_is_solved(build / "bal", tmp_path)
 
 
@@ -68,7 +69,7 @@ def test_the_example_builds_by_pkg_config_and_the_licences_come_along(built: Pat
     assert "Mozilla Public License" in (licences / "Eigen.txt").read_text()
 
 
-@pytest.mark.parametrize("example", ["bundle_adjustment", "bal", "own_functions"])
+@pytest.mark.parametrize("example", ["bundle_adjustment", "bal", "own_camera", "own_functions"])
 def test_the_examples_compile_without_warnings(example: str, tmp_path: Path) -> None:
     compiler = shutil.which("g++")
     eigen = next((p for p in ("/usr/include/eigen3", "/usr/local/include/eigen3") if Path(p).is_dir()), None)

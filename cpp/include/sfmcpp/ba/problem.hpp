@@ -36,7 +36,7 @@ struct Rigs {
 struct Problem {
   CameraModel camera_model = CameraModelId::kCalibrated;
   std::span<const double> cameras;           // C × 12, row-major: [R | c] world_from_camera, or P
-  std::span<const double> intrinsics;        // G × K
+  std::span<const double> intrinsics;        // G × K, each row as intrinsic_names() has them
   std::span<const double> points;            // N × 3, or N × 4 homogeneous
   std::span<const int> intrinsics_index;     // C: row of intrinsics of each camera
   std::span<const int> camera_index;         // M

@@ -12,6 +12,7 @@ from sfmcpp.model.metadata import LOOSE, SECOND_SIGHTINGS, WorldOrigin
 from sfmcpp.sources.io.colmap.to_tables import changed_models
 from sfmcpp.sources.io.format import Format
 from sfmcpp.sources.io.intrinsics import has_distortion, has_square_pixels, pixels_without_inverse
+from sfmcpp.sources.io.rrd import recorded_origin
 from sfmcpp.sources.io.views import UNREGISTERED
 from sfmcpp.wording import counted, first_few
 
@@ -56,6 +57,9 @@ def changed_on_writing(problem: Problem, path: Path, format: Format) -> Iterator
                 f"{count:,} of {problem.num_observations:,} observations are where the lens has no inverse, "
                 "and are written as they are"
             )
+    if format.name == "rerun" and (origin := recorded_origin(problem)).any():
+        place = ", ".join(f"{number:.10g}" for number in origin)
+        yield f"the world begins at {place}: a recording has single precision, too little so far from zero"
     if format.name == "nvm" and not has_square_pixels(problem):
         yield "pixels are as cameras of square pixels would have seen them: nvm has no other; the RMS changes"
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 POINT_COLOR = (255, 255, 255)
 # How far before its centre the image of a camera is shown, of the extent of all centres and points.
 _IMAGE_DISTANCE = 0.03
+# The relative error of a number in single precision, and the largest that a place may have, of that extent.
+_ROUNDING, _LARGEST_ERROR = 2.0**-24, 1e-5
 
 
 def write_rrd(problem: Problem, path: Path) -> None:
@@ -32,6 +34,9 @@ def write_rrd(problem: Problem, path: Path) -> None:
 
     Cameras are pinholes as wide as their images, or, where the metadata do not tell, as their observations
     ask for; distortion is not shown. Without names in the metadata they are ``image_000001`` and so on.
+
+    Recordings hold places in single precision, half a metre on the scale of the Earth. A world that is far
+    from zero for its extent begins at :func:`recorded_origin`, which ``world`` has as ``origin``.
 
     Raises
     ------
@@ -42,10 +47,22 @@ def write_rrd(problem: Problem, path: Path) -> None:
     lenses = lenses_from_corner(problem, path)
     recording = _recording(path)
     stream = recording.binary_stream()
-    _log_points(problem, recording, path)
-    _log_cameras(problem, lenses, recording, path)
+    origin = recorded_origin(problem)
+    _log_origin(origin, recording)
+    _log_points(problem, origin, recording, path)
+    _log_cameras(problem, origin, lenses, recording, path)
     with atomic_files(path) as (file,):
         file.write(stream.read() or b"")
+
+
+def recorded_origin(problem: Problem) -> FloatArray:
+    """What a recording takes off all points and centres (3,): zero, but in a world far from it."""
+    places = np.concatenate([problem.points, problem.centres])
+    extent = _extent(problem)
+    if not len(places) or np.abs(np.median(places, axis=0)).max() * _ROUNDING <= _LARGEST_ERROR * extent:
+        return np.zeros(3)
+    unit = 10.0 ** np.floor(np.log10(extent))
+    return np.asarray(np.round(np.median(places, axis=0) / unit) * unit)
 
 
 def _recording(path: Path) -> RecordingStream:
@@ -56,24 +73,33 @@ def _recording(path: Path) -> RecordingStream:
     return RecordingStream("sfmcpp", recording_id=path.stem, send_properties=False)
 
 
-def _log_points(problem: Problem, recording: RecordingStream, path: Path) -> None:
+def _log_origin(origin: FloatArray, recording: RecordingStream) -> None:
+    from rerun import AnyValues
+
+    if origin.any():
+        recording.log("world", AnyValues(origin=origin), static=True)
+
+
+def _log_points(problem: Problem, origin: FloatArray, recording: RecordingStream, path: Path) -> None:
     from rerun import Points3D
 
     colors = point_colors(problem, POINT_COLOR, path)
-    recording.log("world/points", Points3D(problem.points, colors=colors), static=True)
+    recording.log("world/points", Points3D(problem.points - origin, colors=colors), static=True)
 
 
-def _log_cameras(problem: Problem, lenses: CornerLenses, recording: RecordingStream, path: Path) -> None:
+def _log_cameras(
+    problem: Problem, origin: FloatArray, lenses: CornerLenses, recording: RecordingStream, path: Path
+) -> None:
     from rerun import Pinhole, Points2D, Transform3D, ViewCoordinates, new_entity_path
 
     names = image_names(problem, path)
     distance = _IMAGE_DISTANCE * _extent(problem)
     columns = perspective_columns("f", "aspect", "cx", "cy")
-    pixels = _pixels_of_cameras(problem)
+    pixels, centres = _pixels_of_cameras(problem), problem.centres - origin
     for i, (name, row) in enumerate(zip(names, problem.intrinsics_index.tolist(), strict=True)):
         f, aspect, cx, cy = lenses.values[row, columns]
         camera = new_entity_path(["world", "cameras", name])
-        pose = Transform3D(translation=problem.cameras[i, :, 3], mat3x3=problem.cameras[i, :, :3])
+        pose = Transform3D(translation=centres[i], mat3x3=problem.rotations[i])
         pinhole = Pinhole(
             focal_length=(f, aspect * f),
             principal_point=(cx, cy),

@@ -20,6 +20,10 @@ INTERPOLATED_WITHIN_S = 0.5
 MATCHES = ("nearest", "interpolate")
 # Fewer of the poses that might have a partner tell little of a trajectory.
 _FEW = 0.5
+# Of stamps in another unit the time covered is about so many times as long, and so are steps, but for the
+# rates of the two.
+_UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
+_ABOUT, _OTHER_RATE = 3.0, 30.0
 
 Rows = NDArray[np.int64]
 
@@ -66,11 +70,13 @@ def associate(
     Raises
     ------
     InvalidArgument
-        If nothing matches; one has no times and the other not as many poses; or an option breaks its rule.
+        If nothing matches; stamps are not in seconds, as a factor of 1000 tells; one has no times and the
+        other not as many poses; or an option breaks its rule.
     """
     require_one_of("match", match, MATCHES)
     if not (estimate.stamped and truth.stamped):
         return _matched_by_order(estimate, truth)
+    _require_seconds(estimate, truth)
     if match == "interpolate":
         return _matched_by_interpolation(estimate, truth, _limit(max_difference_s, INTERPOLATED_WITHIN_S))
     return _matched_by_time(estimate, truth, _limit(max_difference_s, NEAREST_WITHIN_S))
@@ -174,3 +180,22 @@ def _require_some(kept: Rows, estimate: Trajectory, truth: Trajectory, limit_s: 
             f"{truth.t_s[-1]:.6f} s, those of the estimate from {estimate.t_s[0]:.6f} to "
             f"{estimate.t_s[-1]:.6f} s"
         )
+
+
+def _require_seconds(estimate: Trajectory, truth: Trajectory) -> None:
+    """Refuse stamps in another unit: a few of them may still fall on those of the other trajectory."""
+    if min(len(estimate), len(truth)) < 2:
+        return
+    lasts, steps = ([measure(t.t_s) for t in (estimate, truth)] for measure in (np.ptp, _usual_step))
+    which = ("estimate", "truth") if lasts[0] > lasts[1] else ("truth", "estimate")
+    longer, finer = max(lasts) / min(lasts), steps[lasts.index(max(lasts))] / steps[lasts.index(min(lasts))]
+    for factor, unit in _UNITS.items():
+        if 1 / _ABOUT < longer / factor < _ABOUT and finer > factor / _OTHER_RATE:
+            raise InvalidArgument(
+                f"{which[0]}: lasts {longer:,.0f} times as long as the {which[1]}, and so do its steps: must "
+                f"have stamps in seconds, these seem to be {unit}"
+            )
+
+
+def _usual_step(t_s: FloatArray) -> float:
+    return float(np.median(np.diff(t_s)))

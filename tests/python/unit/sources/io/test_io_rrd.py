@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import sfmcpp
 from sfmcpp import DatasetError
+from sfmcpp.sources.io.conversion_notes import changed_on_writing
 
 Components = dict[str, NDArray[np.float64]]
 
@@ -50,6 +51,25 @@ def test_what_rerun_reads_are_the_cameras_and_points(tmp_path: Path) -> None:
         np.testing.assert_array_equal(camera["Pinhole:resolution"], [[640, 480]])
         pixels = found[f"/world/cameras/{name}/pixels"]["Points2D:positions"]
         np.testing.assert_allclose(pixels, problem.pixels[problem.camera_index == i], rtol=1e-6)
+
+
+def test_a_world_far_from_zero_keeps_its_shape(tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
+    near = sfmcpp.circle_scene(3, 4, camera_model="perspective", seed=1)
+    far, place = near.copy(), np.array([4_370_123.4, 497_987.6, 4_604_321.0])  # metres from the geocentre
+    far.points += place
+    far.cameras[:, :, 3] += place
+    sfmcpp.write(far, tmp_path / "far.rrd")
+    found = recorded(tmp_path / "far.rrd")
+    origin = found["/world"]["origin"]
+    np.testing.assert_allclose(found["/world/points"]["Points3D:positions"] + origin, far.points, atol=1e-5)
+    for i in range(3):
+        centre = found[f"/world/cameras/image_{i + 1:06d}"]["Transform3D:translation"][0]
+        np.testing.assert_allclose(centre + origin, far.centres[i], atol=1e-5)
+    format = next(known for known in sfmcpp.formats() if known.name == "rerun")
+    (told,) = changed_on_writing(far, tmp_path / "far.rrd", format)
+    assert told.startswith(f"the world begins at {origin[0]:.10g}, ")
+    assert not list(changed_on_writing(near, tmp_path / "near.rrd", format))
 
 
 def test_without_its_library_the_command_that_installs_it_is_told(

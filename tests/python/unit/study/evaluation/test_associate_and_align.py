@@ -56,6 +56,19 @@ def test_most_poses_without_a_partner_are_warned_of_and_the_advice_finds_them() 
     assert (len(early.estimate), early.warning, early.to_dict()["warning"]) == (25, "", None)
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(1e3, "milli"), (1e6, "micro"), (1e9, "nano")])
+def test_stamps_in_another_unit_are_refused_though_some_fall_on_true_ones(factor: float, unit: str) -> None:
+    truth = path(6000, start_s=0.0)  # ten minutes, of which one in 1000 falls on a second
+    scaled = Trajectory(truth.t_s * factor, truth.poses)
+    for dense, rate in ((truth, 1), (truth.at(np.arange(0, 6000, 20)), 20)):
+        with pytest.raises(InvalidArgument, match=f"estimate: lasts 1,.* these seem to be {unit}seconds"):
+            associate(scaled, dense, max_difference_s=0.5)
+        with pytest.raises(InvalidArgument, match=f"truth: lasts 1,.* these seem to be {unit}seconds"):
+            evaluate(dense, scaled.at(np.arange(0, 6000, rate)), match="interpolate")
+    part = truth.at(np.arange(300, 306))
+    assert len(associate(part, truth)) == 6  # a thousandth of the truth, at its rate
+
+
 def test_an_interpolated_truth_is_at_the_time_of_the_estimate() -> None:
     times = np.linspace(0, 6, 61)
     circle = Rotation.from_rotvec(np.outer(times, [0, 0, 0.2])).as_matrix()
