@@ -110,9 +110,9 @@ void report(benchmark::State& state, const linear::BlockOrdering& ordering, bool
 
 void ours(benchmark::State& state, BlockGraph (*shape)(int)) {
   const BlockGraph graph = shape(static_cast<int>(state.range(0)));
-  const linear::BlockOrdering ordering = linear::order_blocks(graph);
-  const Supernodes supernodes = linear::make_supernodes(graph, ordering);
   ThreadPool pool(static_cast<int>(state.range(1)));
+  const linear::BlockOrdering ordering = linear::order_blocks(graph, pool);
+  const Supernodes supernodes = linear::make_supernodes(graph, ordering);
   linear::SupernodalCholesky cholesky(supernodes);
   bool ok = true;
   for (auto _ : state) {
@@ -126,14 +126,16 @@ void ours(benchmark::State& state, BlockGraph (*shape)(int)) {
 
 void ordering(benchmark::State& state, BlockGraph (*shape)(int)) {
   const BlockGraph graph = shape(static_cast<int>(state.range(0)));
+  ThreadPool alone(1);
   for (auto _ : state)
-    benchmark::DoNotOptimize(linear::make_supernodes(graph, linear::order_blocks(graph)));
+    benchmark::DoNotOptimize(linear::make_supernodes(graph, linear::order_blocks(graph, alone)));
 }
 
 // OpenBLAS takes as many threads as OPENBLAS_NUM_THREADS says.
 void cholmod(benchmark::State& state, BlockGraph (*shape)(int)) {
   const BlockGraph graph = shape(static_cast<int>(state.range(0)));
-  const linear::BlockOrdering order = linear::order_blocks(graph);
+  ThreadPool alone(1);
+  const linear::BlockOrdering order = linear::order_blocks(graph, alone);
   const SparseLower matrix = compressed(graph, linear::make_supernodes(graph, order));
   Cholmod factor(matrix);
   bool ok = true;

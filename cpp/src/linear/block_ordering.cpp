@@ -55,52 +55,95 @@ struct Part {
   std::vector<int> node;
 };
 
+// Cuts a part after the other: all those of a level of the tree of parts at the same time.
 class Dissection {
  public:
-  explicit Dissection(const Adjacency& adjacency)
-      : adjacency_(adjacency),
-        place_(adjacency.num_nodes(), kNone),
-        number_(adjacency.num_nodes(), kNone) {}
+  Dissection(const Adjacency& adjacency, ThreadPool& pool)
+      : adjacency_(adjacency), pool_(pool), scratch_(pool.num_threads()) {
+    for (Scratch& scratch : scratch_)
+      for (std::vector<int>* numbers : {&scratch.place, &scratch.number})
+        numbers->assign(adjacency.num_nodes(), kNone);
+  }
 
-  std::vector<int> order(Part part) {
-    dissect(std::move(part));
-    return std::move(order_);
+  std::vector<int> order(Part whole) {
+    tree_.emplace_back().part = std::move(whole);
+    for (std::size_t begin = 0; begin < tree_.size();) {
+      const std::size_t end = tree_.size();
+      if (end - begin == 1) {
+        dissect(tree_[begin], scratch_[0], &pool_);
+      } else {
+        pool_.parallel_for_worker(static_cast<int>(end - begin), [&](int k, int worker) {
+          dissect(tree_[begin + k], scratch_[worker], nullptr);
+        });
+      }
+      for (; begin < end; ++begin) add_halves(begin);
+    }
+    std::vector<int> order;
+    append(0, order);
+    return order;
   }
 
  private:
-  void dissect(Part part) {
-    if (part.graph.num_nodes() <= kLeaf) return order_leaf(part);
-    const std::vector<Side> side = find_separator(part.graph);
+  // What is left to order of a part, or has been.
+  struct Node {
+    Part part{};
+    Part halves[2]{};
+    std::size_t first_half = 0;  // its place in the tree, and the other half follows; 0: a leaf
+    std::vector<int> last{};     // the separator, or all of a leaf
+  };
+  // Of each thread, for nodes of the whole graph.
+  struct Scratch {
+    std::vector<int> place;   // within the leaf being ordered
+    std::vector<int> number;  // within the part being taken
+  };
+
+  void add_halves(std::size_t k) {
+    if (tree_[k].halves[0].node.empty()) return;
+    tree_[k].first_half = tree_.size();
+    for (int half : {0, 1}) {
+      Part part = std::move(tree_[k].halves[half]);
+      tree_.emplace_back().part = std::move(part);
+    }
+  }
+
+  void append(std::size_t k, std::vector<int>& order) const {
+    const Node& node = tree_[k];
+    for (std::size_t half = 0; node.first_half != 0 && half < 2; ++half)
+      append(node.first_half + half, order);
+    order.insert(order.end(), node.last.begin(), node.last.end());
+  }
+
+  void dissect(Node& node, Scratch& scratch, ThreadPool* pool) const {
+    const Part part = std::move(node.part);
+    node.part = {};
+    if (part.graph.num_nodes() <= kLeaf) return order_leaf(part, scratch.place, node.last);
+    const std::vector<Side> side = find_separator(part.graph, pool);
     const auto share = [&](Side s) {
       return static_cast<double>(std::ranges::count(side, s)) / part.graph.num_nodes();
     };
     if (share(kLeft) == 0 || share(kRight) == 0 || share(kSeparator) > kLargestShare)
-      return order_leaf(part);
-    Part left = take(part, side, kLeft), right = take(part, side, kRight);
-    const Part separator = take(part, side, kSeparator);
-    part = {};
-    dissect(std::move(left));
-    dissect(std::move(right));
+      return order_leaf(part, scratch.place, node.last);
+    for (Side half : {kLeft, kRight}) node.halves[half] = take(part, side, half, scratch.number);
     // Nothing is gained within it: it fills.
-    order_.insert(order_.end(), separator.node.begin(), separator.node.end());
+    node.last = take(part, side, kSeparator, scratch.number).node;
   }
 
   // By minimum degree, with the nodes around that come later: they meet one another.
-  void order_leaf(const Part& part) {
+  void order_leaf(const Part& part, std::vector<int>& place, std::vector<int>& order) const {
     const int n = part.graph.num_nodes();
-    for (int k = 0; k < n; ++k) place_[part.node[k]] = k;
+    for (int k = 0; k < n; ++k) place[part.node[k]] = k;
     std::vector<int> around;
     std::vector<std::vector<int>> met;  // nodes of the part, by each node around
     Pattern pattern;
     for (int k = 0; k < n; ++k) {
       for (int v : adjacency_.of(part.node[k])) {
-        if (place_[v] == kNone) {
-          place_[v] = n + static_cast<int>(around.size());
+        if (place[v] == kNone) {
+          place[v] = n + static_cast<int>(around.size());
           around.push_back(v);
           met.emplace_back();
         }
-        if (place_[v] >= n) met[place_[v] - n].push_back(k);
-        pattern.add(place_[v]);
+        if (place[v] >= n) met[place[v] - n].push_back(k);
+        pattern.add(place[v]);
       }
       pattern.end_column();
     }
@@ -112,17 +155,20 @@ class Dissection {
       pattern.end_column();
     }
     for (int node : pattern.minimum_degree()) {
-      if (node < n) order_.push_back(part.node[node]);
+      if (node < n) order.push_back(part.node[node]);
     }
-    for (int node : part.node) place_[node] = kNone;
-    for (int node : around) place_[node] = kNone;
+    for (int node : part.node) place[node] = kNone;
+    for (int node : around) place[node] = kNone;
   }
 
-  Part take(const Part& whole, const std::vector<Side>& side, Side wanted) {
+  static Part take(const Part& whole,
+                   const std::vector<Side>& side,
+                   Side wanted,
+                   std::vector<int>& number) {
     Part part;
     for (int node = 0; node < whole.graph.num_nodes(); ++node) {
       if (side[node] != wanted) continue;
-      number_[node] = static_cast<int>(part.node.size());
+      number[node] = static_cast<int>(part.node.size());
       part.node.push_back(node);
     }
     for (int& node : part.node) {
@@ -130,7 +176,7 @@ class Dissection {
       for (std::int64_t k = whole.graph.begin[node]; k < whole.graph.begin[node + 1]; ++k) {
         const int v = whole.graph.neighbour[k];
         if (side[v] != wanted) continue;
-        part.graph.neighbour.push_back(number_[v]);
+        part.graph.neighbour.push_back(number[v]);
         part.graph.edge_weight.push_back(whole.graph.edge_weight[k]);
       }
       part.graph.begin.push_back(static_cast<std::int64_t>(part.graph.neighbour.size()));
@@ -140,9 +186,9 @@ class Dissection {
   }
 
   const Adjacency& adjacency_;
-  std::vector<int> place_;   // within the leaf being ordered
-  std::vector<int> number_;  // within the part being taken
-  std::vector<int> order_;
+  ThreadPool& pool_;
+  std::vector<Node> tree_;  // of parts
+  std::vector<Scratch> scratch_;
 };
 
 // The rule by which approximate minimum degree puts dense rows last (Amestoy, Davis & Duff 2004).
@@ -163,7 +209,9 @@ std::vector<int> minimum_degree(const Adjacency& adjacency) {
   return pattern.minimum_degree();
 }
 
-std::vector<int> nested_dissection(const BlockGraph& graph, const Adjacency& adjacency) {
+std::vector<int> nested_dissection(const BlockGraph& graph,
+                                   const Adjacency& adjacency,
+                                   ThreadPool& pool) {
   const int n = adjacency.num_nodes();
   std::vector<int> number(n, kNone), dense;
   Part part;
@@ -184,7 +232,7 @@ std::vector<int> nested_dissection(const BlockGraph& graph, const Adjacency& adj
     }
     part.graph.begin.push_back(static_cast<std::int64_t>(part.graph.neighbour.size()));
   }
-  std::vector<int> order = Dissection(adjacency).order(std::move(part));
+  std::vector<int> order = Dissection(adjacency, pool).order(std::move(part));
   order.insert(order.end(), dense.begin(), dense.end());
   return order;
 }
@@ -222,12 +270,12 @@ BlockOrdering predict(const BlockGraph& graph,
   return ordering;
 }
 
-BlockOrdering order_blocks(const BlockGraph& graph) {
+BlockOrdering order_blocks(const BlockGraph& graph, ThreadPool& pool) {
   if (graph.size.empty()) return {};
   const Adjacency adjacency = make_adjacency(graph);
   BlockOrdering best = predict(graph, adjacency, minimum_degree(adjacency));
   if (best.flops < kWorthDissecting * static_cast<double>(graph.edges.size())) return best;
-  BlockOrdering dissected = predict(graph, adjacency, nested_dissection(graph, adjacency));
+  BlockOrdering dissected = predict(graph, adjacency, nested_dissection(graph, adjacency, pool));
   return dissected.flops < best.flops ? dissected : best;
 }
 

@@ -81,7 +81,7 @@ void CoarseSpace::analyse() {
   adjacency_ = make_adjacency(graph_);
   const std::size_t blocks = graph_.size.size() + adjacency_.neighbour.size();
   blocks_.resize(blocks * static_cast<std::size_t>(num_modes() * num_modes()));
-  supernodes_ = make_supernodes(graph_, order_blocks(graph_));
+  supernodes_ = make_supernodes(graph_, order_blocks(graph_, normal_.pool()));
   cholesky_ = std::make_unique<SupernodalCholesky>(supernodes_);
   for (Scratch& scratch : scratch_) scratch.number.resize(graph_.size.size());
 }

@@ -16,7 +16,7 @@ std::shared_ptr<const ReducedStructure> make_structure(const NormalEquations& no
   CameraPattern pattern = make_global_camera_pattern(
       normal.graph(), normal.camera_terms().pairs(), normal.pool(), normal.exchange());
   return std::make_shared<ReducedStructure>(
-      sparse ? make_sparse_structure(std::move(pattern), normal.map())
+      sparse ? make_sparse_structure(std::move(pattern), normal.map(), normal.pool())
              : ReducedStructure{.pattern = std::move(pattern)});
 }
 

@@ -243,10 +243,12 @@ BlockGraph make_block_graph(const CameraPattern& pattern, const ParameterMap& ma
   return graph;
 }
 
-ReducedStructure make_sparse_structure(CameraPattern pattern, const ParameterMap& map) {
+ReducedStructure make_sparse_structure(CameraPattern pattern,
+                                       const ParameterMap& map,
+                                       ThreadPool& pool) {
   ReducedStructure structure{.pattern = std::move(pattern)};
   structure.graph = make_block_graph(structure.pattern, map);
-  structure.ordering = order_blocks(structure.graph);
+  structure.ordering = order_blocks(structure.graph, pool);
   structure.supernodes = make_supernodes(structure.graph, structure.ordering);
   structure.ordering.position = structure.supernodes.position;
   structure.ordering.factor_bytes = structure.supernodes.num_bytes();

@@ -274,7 +274,7 @@ void find_blocks(const SolverQuestion& question, LinearSolverChoice& choice) {
 void analyse_structure(const SolverQuestion& question, LinearSolverChoice& choice) {
   find_blocks(question, choice);
   choice.structure = std::make_shared<ReducedStructure>(
-      make_sparse_structure(choice.structure->pattern, question.map));
+      make_sparse_structure(choice.structure->pattern, question.map, question.pool));
   const BlockOrdering& ordering = choice.structure->ordering;
   choice.counts.edges = static_cast<double>(choice.structure->graph.edges.size());
   choice.counts.factor_flops = ordering.flops;

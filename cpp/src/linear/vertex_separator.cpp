@@ -1,7 +1,9 @@
 #include "sfmcpp/linear/vertex_separator.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cstdlib>
+#include <iterator>
 #include <numeric>
 #include <queue>
 #include <vector>
@@ -294,29 +296,39 @@ std::vector<Side> cut_coarsest(const WeightedGraph& graph, double largest_side) 
   return best;
 }
 
-// One for each of kLargestSides.
-std::vector<std::vector<Side>> separators(const WeightedGraph& graph) {
-  std::vector<std::vector<Side>> found;
+// One for each of kLargestSides, side by side where there is a pool.
+using Candidates = std::array<std::vector<Side>, std::size(kLargestSides)>;
+
+template <class F>
+void for_each_candidate(ThreadPool* pool, const F& f) {
+  constexpr int kCount = static_cast<int>(std::size(kLargestSides));
+  if (pool != nullptr) return pool->parallel_for(kCount, f);
+  for (int k = 0; k < kCount; ++k) f(k);
+}
+
+Candidates separators(const WeightedGraph& graph, ThreadPool* pool) {
+  Candidates found;
   int nodes = graph.num_nodes();
   std::vector<int> coarse;
   if (nodes > kCoarsest) coarse = match_pairs(graph, nodes);
   if (nodes > kLeastShrink * graph.num_nodes()) {
-    for (double largest : kLargestSides) found.push_back(cut_coarsest(graph, largest));
+    for_each_candidate(pool, [&](int k) { found[k] = cut_coarsest(graph, kLargestSides[k]); });
     return found;
   }
-  const auto coarse_sides = separators(contract(graph, coarse, nodes));
-  for (std::size_t k = 0; k < coarse_sides.size(); ++k) {
-    std::vector<Side>& side = found.emplace_back(graph.num_nodes());
-    for (int node = 0; node < graph.num_nodes(); ++node) side[node] = coarse_sides[k][coarse[node]];
-    refine_separator(graph, side, kLargestSides[k]);
-  }
+  const Candidates of_coarse = separators(contract(graph, coarse, nodes), pool);
+  for_each_candidate(pool, [&](int k) {
+    found[k].resize(coarse.size());
+    for (std::size_t node = 0; node < coarse.size(); ++node)
+      found[k][node] = of_coarse[k][coarse[node]];
+    refine_separator(graph, found[k], kLargestSides[k]);
+  });
   return found;
 }
 
 }  // namespace
 
-std::vector<Side> find_separator(const WeightedGraph& graph) {
-  std::vector<std::vector<Side>> found = separators(graph);
+std::vector<Side> find_separator(const WeightedGraph& graph, ThreadPool* pool) {
+  Candidates found = separators(graph, pool);
   return std::move(*std::ranges::min_element(
       found, {}, [&](const std::vector<Side>& side) { return weigh(graph, side).cost(); }));
 }

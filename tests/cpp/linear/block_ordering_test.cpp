@@ -69,11 +69,12 @@ TEST_P(Graphs, SeparatorsLeaveNoNeighboursOnBothSides) {
   }
 }
 
-TEST_P(Graphs, AnOrderHasEveryBlockOnceAndIsTheSameEachTime) {
+TEST_P(Graphs, AnOrderHasEveryBlockOnceAndIsTheSameForAnyNumberOfThreads) {
   const BlockGraph graph = Graphs::graph();
   const Adjacency adjacency = make_adjacency(graph);
-  std::vector<int> order = nested_dissection(graph, adjacency);
-  EXPECT_EQ(order, nested_dissection(graph, adjacency));
+  ThreadPool one(1), three(3);
+  std::vector<int> order = nested_dissection(graph, adjacency, one);
+  EXPECT_EQ(order, nested_dissection(graph, adjacency, three));
   std::sort(order.begin(), order.end());
   std::vector<int> all(graph.size.size());
   std::iota(all.begin(), all.end(), 0);
@@ -94,13 +95,14 @@ TEST(FindSeparator, OfAGridIsAboutAsLongAsItsSide) {
 
 TEST(NestedDissection, PutsABlockThatAllMeetLast) {
   const BlockGraph graph = support::grid_graph(40, 6, true);
-  EXPECT_EQ(nested_dissection(graph, make_adjacency(graph)).back(), 1600);
+  ThreadPool pool(2);
+  EXPECT_EQ(nested_dissection(graph, make_adjacency(graph), pool).back(), 1600);
 }
 
 // On a large regular grid minimum degree is known to lose.
 TEST(OrderBlocks, TakesNestedDissectionWhereItHasFewerFlops) {
   const BlockGraph graph = thick_grid(70);
-  const BlockOrdering best = order_blocks(graph);
+  const BlockOrdering best = support::ordered(graph);
   const std::vector<int> order = minimum_degree(make_adjacency(graph));
   EXPECT_LT(best.flops, 0.9 * predict(graph, make_adjacency(graph), order).flops);
 }

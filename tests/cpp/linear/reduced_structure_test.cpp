@@ -178,7 +178,7 @@ class RandomBlockGraph : public testing::TestWithParam<std::tuple<unsigned, doub
  protected:
   BlockGraph graph =
       support::random_block_graph(std::get<0>(GetParam()), 25, std::get<1>(GetParam()));
-  BlockOrdering ordering = order_blocks(graph);
+  BlockOrdering ordering = support::ordered(graph);
 };
 
 TEST_P(RandomBlockGraph, PositionsAreAPermutation) {
@@ -215,7 +215,7 @@ TEST(OrderBlocks, FillsLessThanTheGivenOrderOnAStar) {
   star.size.assign(20, 6);
   for (int k = 1; k < 20; ++k) star.edges.emplace_back(0, k);
   const double hub_last = 20 * 21 + 19 * 36;
-  EXPECT_EQ(order_blocks(star).factor_entries, hub_last);
+  EXPECT_EQ(support::ordered(star).factor_entries, hub_last);
 }
 
 TEST(MakeBlockGraph, SharedIntrinsicsAreCoupledWithEveryCameraOfTheGroupAndItsNeighbours) {
@@ -237,7 +237,9 @@ TEST(MakeBlockGraph, SharedIntrinsicsAreCoupledWithEveryCameraOfTheGroupAndItsNe
 TEST(OrderBlocks, IntrinsicsThatAllCamerasShareComeLast) {
   const support::SystemOptions options{
       .cameras = 300, .points = 600, .camera_size = 9, .shared = 3, .groups = 1, .window = 3};
-  const ReducedStructure structure = make_sparse_structure(pattern_of(options), make_map(options));
+  ThreadPool pool(1);
+  const ReducedStructure structure =
+      make_sparse_structure(pattern_of(options), make_map(options), pool);
   EXPECT_EQ(structure.ordering.position.back(), 300);
 }
 

@@ -83,7 +83,7 @@ TEST_P(Bound, OfTheSparseFactorIsBelowTheFactor) {
                       .columns = static_cast<double>(map.num_columns),
                       .blocks = static_cast<double>(pattern.num_blocks())};
   bound_sparse_factor(counts);
-  const ReducedStructure structure = make_sparse_structure(std::move(pattern), map);
+  const ReducedStructure structure = make_sparse_structure(std::move(pattern), map, pool);
   EXPECT_LE(counts.factor_flops, structure.ordering.flops);
   EXPECT_LE(counts.factor_entries, structure.ordering.factor_entries);
   EXPECT_GT(counts.factor_flops, 0.05 * structure.ordering.flops) << "it would tell nothing";

@@ -21,7 +21,7 @@ class Factored {
  public:
   explicit Factored(BlockGraph blocks, const CholeskyKernels& kernels = cholesky_kernels())
       : graph(std::move(blocks)),
-        supernodes(make_supernodes(graph, order_blocks(graph))),
+        supernodes(make_supernodes(graph, support::ordered(graph))),
         cholesky(supernodes, kernels),
         first_(support::first_columns(graph)) {}
 
@@ -187,7 +187,7 @@ TEST(SupernodalCholesky, HasTheSameBitsForEveryNumberOfThreads) {
 
 TEST(Supernodes, HoldEveryEntryOfTheFactorAndTheirRowsAreThoseOfTheTree) {
   for (const auto& [name, graph] : patterns()) {
-    const BlockOrdering ordering = order_blocks(graph);
+    const BlockOrdering ordering = support::ordered(graph);
     const Supernodes s = make_supernodes(graph, ordering);
     double stored = 0.0;
     for (int k = 0; k < s.count(); ++k) {
@@ -207,7 +207,7 @@ TEST(Supernodes, HoldEveryEntryOfTheFactorAndTheirRowsAreThoseOfTheTree) {
 
 TEST(Supernodes, OfAFullMatrixAreOneWithoutZeros) {
   const BlockGraph graph = support::random_block_graph(5, 30, 1.0);
-  const BlockOrdering ordering = order_blocks(graph);
+  const BlockOrdering ordering = support::ordered(graph);
   const Supernodes s = make_supernodes(graph, ordering);
   EXPECT_EQ(s.count(), 1);
   EXPECT_NEAR(s.flops, ordering.flops, 1e-9 * s.flops);
@@ -221,7 +221,7 @@ TEST(Supernodes, CountMoreEntriesThan31Bits) {
   for (int a = 0; a < kBlocks; ++a) {
     for (int b = a + 1; b < kBlocks; ++b) graph.edges.emplace_back(a, b);
   }
-  const BlockOrdering ordering = order_blocks(graph);
+  const BlockOrdering ordering = support::ordered(graph);
   constexpr std::int64_t kColumns = kBlocks * kSize;
   EXPECT_EQ(ordering.factor_entries, static_cast<double>(kColumns * (kColumns + 1) / 2));
   EXPECT_GE(make_supernodes(graph, ordering).num_entries, kColumns * kColumns);

@@ -25,6 +25,11 @@ inline linear::BlockGraph random_block_graph(unsigned seed, int blocks, double d
   return graph;
 }
 
+inline linear::BlockOrdering ordered(const linear::BlockGraph& graph) {
+  ThreadPool alone(1);
+  return linear::order_blocks(graph, alone);
+}
+
 // A square of blocks that meet their neighbours, and, if asked for, one last block that all meet.
 inline linear::BlockGraph grid_graph(int side, int size, bool shared = false) {
   linear::BlockGraph graph;

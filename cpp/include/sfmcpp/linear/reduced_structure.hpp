@@ -57,6 +57,8 @@ struct ReducedStructure {
   Supernodes supernodes{};
 };
 
-ReducedStructure make_sparse_structure(CameraPattern pattern, const ParameterMap& map);
+ReducedStructure make_sparse_structure(CameraPattern pattern,
+                                       const ParameterMap& map,
+                                       ThreadPool& pool);
 
 }  // namespace sfmcpp::linear

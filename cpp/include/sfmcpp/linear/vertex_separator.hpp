@@ -5,6 +5,8 @@
 #include <span>
 #include <vector>
 
+#include "sfmcpp/core/parallel.hpp"
+
 namespace sfmcpp::linear {
 
 inline constexpr int kNone = -1;  // of a node: no place, no partner
@@ -27,7 +29,8 @@ enum Side : char { kLeft = 0, kRight = 1, kSeparator = 2 };
 // The side of each node; no neighbour of a left node is a right one. Multilevel: pairs of nodes are
 // contracted along heavy edges, level by level; the coarsest graph is cut by growing regions, and
 // the cut is refined on every level on the way back (Hendrickson & Leland 1995, Karypis & Kumar
-// 1998; separators moved node by node as by Fiduccia & Mattheyses 1982). The same result each time.
-std::vector<Side> find_separator(const WeightedGraph& graph);
+// 1998; separators moved node by node as by Fiduccia & Mattheyses 1982). The same result each time,
+// for any number of threads.
+std::vector<Side> find_separator(const WeightedGraph& graph, ThreadPool* pool = nullptr);
 
 }  // namespace sfmcpp::linear
