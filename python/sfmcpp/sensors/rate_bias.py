@@ -126,7 +126,7 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     if len(covered) < _FEWEST:
         return None
     errors, lengths_s = rotation_errors(stream, mounting, covered, np.zeros(1))[0], durations_s(covered)
-    rate, sigma = _rate(errors, lengths_s)
+    rate, sigma = constant_rate(errors, lengths_s)
     floor = _LEAST_RAD_S / np.sqrt(len(covered)) if len(covered) < _MANY else 0.0
     if not max(_SIGMAS * sigma, floor) <= np.linalg.norm(rate) <= LARGEST_RAD_S:
         return None
@@ -207,7 +207,7 @@ def rotation_errors(
     return so3.log(np.swapaxes(rotations_of(turns), 1, 2) @ told)
 
 
-def _rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]:
+def constant_rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]:
     """Constant rate (3,) that explains rotation vectors (n, 3), and its standard deviation [rad/s].
 
     By iteratively reweighted least squares with Cauchy's weights.
@@ -248,7 +248,7 @@ def _left_by_others(stream: SensorStream, mounting: Mounting, turns: Sequence[Tu
     told = so3.log(turns_at_offsets(stream, mounting, times_of(turns), np.zeros(1))[0])
     others = [by_clocks, _left_by_axes(seen, told)]
     if _median_norm(told) < _DEAD_SHARE * _median_norm(seen):
-        others.append(np.linalg.norm(seen - lengths_s[:, None] * _rate(seen, lengths_s)[0], axis=1))
+        others.append(np.linalg.norm(seen - lengths_s[:, None] * constant_rate(seen, lengths_s)[0], axis=1))
     return np.vstack(others)
 
 

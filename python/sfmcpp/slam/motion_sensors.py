@@ -18,6 +18,7 @@ from sfmcpp.sensors import (
     rotation_increment,
     sampling_variance,
     travelled_distance,
+    without_counter_leaps,
 )
 from sfmcpp.sensors.frozen_speed import frozen_stretches
 from sfmcpp.sensors.odometer import displacement_along
@@ -43,6 +44,7 @@ class Odometer:
 
     Where the speed leaps as no vehicle's can and leaps back, or its last value is repeated until it leaps, it
     is interpolated between, with a larger standard deviation; where it does not leap back, it has no weight.
+    A way that leaps once and goes on as before was counted from another origin, and loses the leap.
 
     A scale does not yield to the images: an odometer that yields has no weight for twenty keyframes after one
     at which the map lost its scale; a sudden slip shows in the stream; a slow one is followed by the map
@@ -94,7 +96,7 @@ class Odometer:
     def jumping_stretches(self) -> tuple[Gap, ...]:
         """Where its speed is one that no vehicle can have driven; a frozen one leaps for another reason."""
         frozen = self._ended(self.frozen_stretches)
-        return doubtful_stretches(carried_over(self.stream, frozen) if frozen else self.stream)
+        return doubtful_stretches(carried_over(self.stream, frozen) if frozen else self._counted_on)
 
     @property
     def doubtful_stretches(self) -> tuple[Gap, ...]:
@@ -112,7 +114,12 @@ class Odometer:
     @cached_property
     def _stream_without_leaps(self) -> SensorStream:
         carried = self.carried_stretches
-        return carried_over(self.stream, carried) if carried else self.stream
+        return carried_over(self.stream, carried) if carried else self._counted_on
+
+    @cached_property
+    def _counted_on(self) -> SensorStream:
+        """The stream, its way without leaps of a counter."""
+        return without_counter_leaps(self.stream) if self.stream.kind == "distance" else self.stream
 
     def between(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance travelled [m]; None where it is not measured, or doubtful."""

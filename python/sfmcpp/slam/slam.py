@@ -41,7 +41,7 @@ from sfmcpp.slam.sensor_faults import (
     faults_of_run,
     faults_of_streams,
     faults_so_far,
-    misaligned_odometers,
+    has_wrong_axes,
 )
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
@@ -230,8 +230,8 @@ class Slam:
 
     @property
     def has_wrong_mounting(self) -> bool:
-        """Whether the directions of an odometer contradict its mounting."""
-        return bool(misaligned_odometers(self._sensors))
+        """Whether images contradict the mounting of an odometer, or the axes of a gyroscope."""
+        return has_wrong_axes(self._sensors)
 
     def _require_next(self, frame: Frame) -> None:
         if self._finished:
