@@ -83,7 +83,8 @@ def _resampled(drive: KittiDrive, rows: Callable[[FloatArray], np.ndarray]) -> K
 def _wrapping(drive: KittiDrive) -> KittiDrive:
     """The way in ticks of a wheel, by a counter that begins again at its end."""
     stream = drive.velocity
-    way_m = np.cumsum(np.linalg.norm(stream.values, axis=1) * np.gradient(stream.t_s))
+    speeds = np.linalg.norm(stream.values, axis=1)
+    way_m = np.cumsum(0.5 * (speeds + np.roll(speeds, 1)) * np.diff(stream.t_s, prepend=stream.t_s[0]))
     counted = np.floor(way_m / _TICK_M) % _WRAPS_AT * _TICK_M
     return replace(drive, velocity=SensorStream(stream.t_s, counted, "distance", "odometer"))
 

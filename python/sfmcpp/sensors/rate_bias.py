@@ -18,7 +18,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.rotation_check import turns_at_offsets
-from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.stream import is_coarse, require_kind
 from sfmcpp.sensors.turn import CLOCK_OFFSETS_S, Turn, rotations_of, times_of
 
 # Pairs of images used: fewer do not determine a bias, and more are not needed.
@@ -111,8 +111,9 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     -------
     (3,) float64 or None
         To be taken from the rates, in the axes of the body [rad/s]. None where the turns show none: fewer
-        than six that the stream covers together with the second after them, a rate within what they may be
-        off by, or errors that a wrong clock or wrong axes explain as well.
+        than six (of samples more than 0.3 s apart, than 32) that the stream covers together with the second
+        after them, a rate within what they may be off by, or errors that a wrong clock or wrong axes explain
+        as well.
 
     Raises
     ------
@@ -123,7 +124,7 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     # Clocks that are ahead need the rates after a turn: without them noise would be taken for a bias.
     reach_s = float(CLOCK_OFFSETS_S[-1])
     covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s + reach_s)]
-    if len(covered) < _FEWEST:
+    if len(covered) < (_MANY if is_coarse(stream) else _FEWEST):
         return None
     errors, lengths_s = rotation_errors(stream, mounting, covered, np.zeros(1))[0], durations_s(covered)
     rate, sigma = constant_rate(errors, lengths_s)
