@@ -9,7 +9,8 @@ and in how many runs a warning named a sensor. Fault-free sensors come first: th
 Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run, or all of it where that
 is said; a smooth slip grows to its factor and falls again; stamps late by as many seconds and a mounting
 turned about the vertical are wrong all the time, and the same for both sensors; reversed velocities have the
-wrong signs all the time. `--share` is what an odometer declares of the distance as its standard deviation.
+wrong signs all the time. Faults of files are those of `experiments/file_faults.py`: streams that the reader
+refuses, or that contradict each other, count as named, and as refused. `--share` is what an odometer declares of the distance as its standard deviation.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from sfmcpp.sources.io.kitti_mat import KittiDrive
 
 _ODOMETER, _GYROSCOPE = "velocity", "angular_rate"
 _BOTH = (_ODOMETER, _GYROSCOPE)
-_SPARSE_S, _SHORT_S = 1.0, 5.0
+_SPARSE_S, _GAP_S, _SHORT_S = 1.0, 2.0, 5.0
 # A counter of 16 bits, and what its ticks are [m].
 _TICK_M, _WRAPS_AT = 1e-3, 1 << 16
 _DEGREES = 180 / np.pi
@@ -71,6 +71,11 @@ def _short(drive: KittiDrive) -> KittiDrive:
     return _resampled(drive, lambda t_s: np.flatnonzero(t_s <= drive.t_s[-1] - _SHORT_S))
 
 
+def _with_gap(drive: KittiDrive) -> KittiDrive:
+    middle_s = 0.5 * (drive.t_s[0] + drive.t_s[-1])
+    return _resampled(drive, lambda t_s: np.flatnonzero(np.abs(t_s - middle_s) > 0.5 * _GAP_S))
+
+
 def _resampled(drive: KittiDrive, rows: Callable[[FloatArray], np.ndarray]) -> KittiDrive:
     streams = {name: getattr(drive, name) for name in _BOTH}
     some = {
@@ -102,6 +107,7 @@ FILE_FAULTS: dict[str, Callable[[KittiDrive], KittiDrive]] = {
     "axes permuted": _turned(_GYROSCOPE, np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])),
     "no mounting": _without_mounting,
     "1 Hz": _sparse,
+    "2 s lost": _with_gap,
     "5 s late": _late,
     "5 s short": _short,
     "ticks wrap": _wrapping,
