@@ -10,7 +10,8 @@ Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of t
 is said; a smooth slip grows to its factor and falls again; stamps late by as many seconds and a mounting
 turned about the vertical are wrong all the time, and the same for both sensors; reversed velocities have the
 wrong signs all the time. Faults of files are those of `experiments/file_faults.py`: streams that the reader
-refuses, or that contradict each other, count as named, and as refused. `--share` is what an odometer declares of the distance as its standard deviation.
+refuses, or that contradict each other, count as named, and as refused. `--share` is what an odometer declares
+of the distance as its standard deviation.
 """
 
 from __future__ import annotations

@@ -132,7 +132,25 @@ def find_rate_axes(stream: SensorStream, mounting: Mounting, turns: Sequence[Tur
 
 @checked()
 def with_axes(stream: SensorStream, axes: RateAxes) -> SensorStream:
-    """The stream of angular rates (n, 3) as it must be read [rad/s]; InvalidArgument for another kind."""
+    """The stream as it must be read.
+
+    Parameters
+    ----------
+    stream : SensorStream
+        Of kind ``"angular_rate"``.
+    axes : RateAxes
+        What its axes and its unit are.
+
+    Returns
+    -------
+    SensorStream
+        In the axes of the body and in rad/s.
+
+    Raises
+    ------
+    InvalidArgument
+        If the stream is of another kind.
+    """
     require_kind(stream, "angular_rate")
     return replace(stream, values=stream.values @ axes.axes.T / axes.factor)
 

@@ -8,7 +8,6 @@ wheels is a few metres above it at most; nor does it see points a hand away.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.slam.baseline_check import warn_of_baseline
@@ -80,7 +79,10 @@ def height_and_distance(world: WorldMap, up: FloatArray) -> tuple[float, float] 
     points, poses = world.points[world.known], world.poses
     if len(points) < _FEWEST_POINTS:
         return None
-    away, nearest = cKDTree(poses[:, :, 3]).query(points)
+    from scipy.spatial import cKDTree  # loaded where it is used: see ARCHITECTURE.md
+
+    away, found = cKDTree(poses[:, :, 3]).query(points)
+    nearest = np.asarray(found, np.intp)
     near = away <= np.quantile(away, _NEARER)
     offsets = (points - poses[nearest, :, 3])[near]
     below = -np.einsum("nij,j,ni->n", poses[nearest[near], :, :3], up, offsets)
