@@ -39,6 +39,7 @@ from experiments.description import Row
 from experiments.drive_names import drive_name
 from experiments.drives import median, run_setting
 from experiments.faults import SensorFaults
+from experiments.file_faults import with_file_fault
 from experiments.inputs import PROCESSES, TUNING, dead_reckoning, moved
 from experiments.real_drives import read, with_blackout
 from experiments.summaries import interval_of_mean
@@ -149,6 +150,8 @@ def run(asked: tuple[str, str, int], options: Row) -> Row:
     """Run one drive with some sensors and a seed; `options` are those of the command line."""
     name, label, seed = asked
     drive = with_blackout(_drawn(read(name), seed, options.get("tracks", 1.0)), options["blackout"])
+    if fault := options.get("file"):
+        drive = with_file_fault(drive, fault, ALL[label])
     slam = dict(options["slam"])
     setting = {"sensors": ALL[label], "weights": slam.pop("weights", "loo"), "slam": slam}
     setting |= {"stereo": label in STEREO, "share": options.get("share")}

@@ -9,7 +9,9 @@ and in how many runs a warning named a sensor. Fault-free sensors come first: th
 Biases (5°/s, and .05 rad/s) and slips (factors on the speed) last a fifth of the run, or all of it where that
 is said; a smooth slip grows to its factor and falls again; stamps late by as many seconds and a mounting
 turned about the vertical are wrong all the time, and the same for both sensors; reversed velocities have the
-wrong signs all the time. `--share` is what an odometer declares of the distance as its standard deviation.
+wrong signs all the time. Faults of files are those of `experiments/file_faults.py`: streams that the reader
+refuses, or that contradict each other, count as named, and as refused. `--share` is what an odometer declares
+of the distance as its standard deviation.
 """
 
 from __future__ import annotations
@@ -23,10 +25,12 @@ from pathlib import Path
 from experiments.description import Row
 from experiments.drive_names import drive_name
 from experiments.drives import median
+from experiments.file_faults import FILE_FAULTS, UNTOUCHED
 from experiments.inputs import PROCESSES
 from experiments.text_table import text_table
 
 from drives import assignment, over_none, run, write_runs
+from sfmcpp.errors import InvalidArgument
 
 PARTS = ("0001", "0027:1/2", "0027:2/2", "0036:1/2", "0036:2/2", "0039:1/3", "0039:2/3", "0039:3/3")
 SENSORS = ("imu", "odometer", "both")
@@ -40,9 +44,10 @@ FAULTS: dict[str, dict[str, float]] = {
     **{f"clock {late_s}": {"clock": late_s} for late_s in (-0.5, -0.3, -0.1, 0.1, 0.3, 0.5)},
     **{f"mounting {angle_deg}": {"mounting": angle_deg} for angle_deg in (-5.0, 5.0, 15.0, 90.0)},
     "reversed": {"slip": -1.0, "throughout": True},
+    **{fault: {fault: True} for fault in FILE_FAULTS},
 }
 # The sensor that a fault does not touch; all others are faults of both.
-_UNTOUCHED = {"bias": "odometer", "slip": "imu"}
+_UNTOUCHED = {"bias": "odometer", "slip": "imu", **UNTOUCHED}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -80,20 +85,28 @@ def table(found: Sequence[Row], faults: Sequence[str]) -> list[Row]:
 def _line(fault: str, found: Sequence[Row]) -> Row:
     line: Row = {"fault": fault}
     for sensors in SENSORS:
-        rows = [row for row in found if row["sensors"] == sensors and row["over_none"] is not None]
-        if rows:
-            worst = max(rows, key=lambda row: row["over_none"])
-            named = sum(bool(row["warnings"]) for row in rows)
-            cells = (median([r["over_none"] for r in rows]), worst["over_none"], worst["drive"])
+        rows = [row for row in found if row["sensors"] == sensors]
+        known = [row for row in rows if row["over_none"] is not None]
+        if known:
+            worst = max(known, key=lambda row: row["over_none"])
+            cells = (median([r["over_none"] for r in known]), worst["over_none"], worst["drive"])
             line |= {f"{sensors} {what}": cell for what, cell in zip(WHAT, cells, strict=False)}
-            line[f"{sensors} named"] = f"{named} of {len(rows)}"
+        if rows:
+            line[f"{sensors} named"] = f"{sum(bool(row['warnings']) for row in rows)} of {len(rows)}"
+            if refused := sum("refused" in row for row in rows):
+                line[f"{sensors} named"] += f", {refused} refused"
     return line
 
 
 def _run(asked: tuple[str, str, str, int], slam: Row, share: float | None) -> Row:
     fault, drive, sensors, seed = asked
-    options = {"slam": slam, "fault": FAULTS[fault], "blackout": 0.0, "share": share}
-    return run((drive, sensors, seed), options) | {"fault": fault}
+    wrong = {"file": fault} if fault in FILE_FAULTS else {"fault": FAULTS[fault]}
+    options = {"slam": slam, "fault": {}, "blackout": 0.0, "share": share, **wrong}
+    row = {"fault": fault, "drive": drive, "sensors": sensors, "seed": seed}
+    try:
+        return run((drive, sensors, seed), options) | row
+    except InvalidArgument as error:  # as the reader of the file tells of it
+        return row | {"posed": 0, "refused": True, "warnings": [str(error)]}
 
 
 def _parser() -> argparse.ArgumentParser:

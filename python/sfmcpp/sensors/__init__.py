@@ -2,6 +2,7 @@
 
 from sfmcpp.model import Gap, SensorStream, Trajectory
 from sfmcpp.sensors.agreement import require_agreement, require_overlap
+from sfmcpp.sensors.counter_leaps import counter_leaps, describe_counter_leaps, without_counter_leaps
 from sfmcpp.sensors.direction_check import DirectionClock, check_directions
 from sfmcpp.sensors.gps import (
     earth_centred,
@@ -32,6 +33,7 @@ from sfmcpp.sensors.position_jumps import (
     without_leaps,
     without_repeats,
 )
+from sfmcpp.sensors.rate_axes import RateAxes, find_rate_axes, with_axes
 from sfmcpp.sensors.rate_bias import MOST_TURNS, RateBias, bias_at_rest, find_bias, without_bias
 from sfmcpp.sensors.rate_spikes import describe_spikes, rate_spikes, without_spikes
 from sfmcpp.sensors.registration import (
@@ -61,6 +63,7 @@ __all__ = [
     "Gap",
     "Mounting",
     "PositionClock",
+    "RateAxes",
     "RateBias",
     "Registration",
     "RotationCheck",
@@ -76,7 +79,9 @@ __all__ = [
     "check_position_clock",
     "check_rotations",
     "check_turns",
+    "counter_leaps",
     "dead_stretches",
+    "describe_counter_leaps",
     "describe_coverage",
     "describe_gaps",
     "describe_spikes",
@@ -86,6 +91,7 @@ __all__ = [
     "east_north_up",
     "find_bias",
     "find_misalignment",
+    "find_rate_axes",
     "find_slip",
     "geodetic_of",
     "interpolate_poses",
@@ -110,7 +116,9 @@ __all__ = [
     "sampling_variance",
     "smoothed_positions",
     "travelled_distance",
+    "with_axes",
     "without_bias",
+    "without_counter_leaps",
     "without_leaps",
     "without_repeats",
     "without_slip",

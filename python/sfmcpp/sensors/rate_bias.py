@@ -18,7 +18,7 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import FloatArray, finite_array
 from sfmcpp.sensors.mounting import Mounting
 from sfmcpp.sensors.rotation_check import turns_at_offsets
-from sfmcpp.sensors.stream import require_kind
+from sfmcpp.sensors.stream import is_coarse, require_kind
 from sfmcpp.sensors.turn import CLOCK_OFFSETS_S, Turn, rotations_of, times_of
 
 # Pairs of images used: fewer do not determine a bias, and more are not needed.
@@ -111,8 +111,9 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     -------
     (3,) float64 or None
         To be taken from the rates, in the axes of the body [rad/s]. None where the turns show none: fewer
-        than six that the stream covers together with the second after them, a rate within what they may be
-        off by, or errors that a wrong clock or wrong axes explain as well.
+        than six (of samples more than 0.3 s apart, than 32) that the stream covers together with the second
+        after them, a rate within what they may be off by, or errors that a wrong clock or wrong axes explain
+        as well.
 
     Raises
     ------
@@ -123,10 +124,10 @@ def find_bias(stream: SensorStream, mounting: Mounting, turns: Sequence[Turn]) -
     # Clocks that are ahead need the rates after a turn: without them noise would be taken for a bias.
     reach_s = float(CLOCK_OFFSETS_S[-1])
     covered = [turn for turn in turns[-MOST_TURNS:] if stream.covers(turn.start_s, turn.end_s + reach_s)]
-    if len(covered) < _FEWEST:
+    if len(covered) < (_MANY if is_coarse(stream) else _FEWEST):
         return None
     errors, lengths_s = rotation_errors(stream, mounting, covered, np.zeros(1))[0], durations_s(covered)
-    rate, sigma = _rate(errors, lengths_s)
+    rate, sigma = constant_rate(errors, lengths_s)
     floor = _LEAST_RAD_S / np.sqrt(len(covered)) if len(covered) < _MANY else 0.0
     if not max(_SIGMAS * sigma, floor) <= np.linalg.norm(rate) <= LARGEST_RAD_S:
         return None
@@ -207,7 +208,7 @@ def rotation_errors(
     return so3.log(np.swapaxes(rotations_of(turns), 1, 2) @ told)
 
 
-def _rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]:
+def constant_rate(errors: FloatArray, lengths_s: FloatArray) -> tuple[FloatArray, float]:
     """Constant rate (3,) that explains rotation vectors (n, 3), and its standard deviation [rad/s].
 
     By iteratively reweighted least squares with Cauchy's weights.
@@ -248,7 +249,7 @@ def _left_by_others(stream: SensorStream, mounting: Mounting, turns: Sequence[Tu
     told = so3.log(turns_at_offsets(stream, mounting, times_of(turns), np.zeros(1))[0])
     others = [by_clocks, _left_by_axes(seen, told)]
     if _median_norm(told) < _DEAD_SHARE * _median_norm(seen):
-        others.append(np.linalg.norm(seen - lengths_s[:, None] * _rate(seen, lengths_s)[0], axis=1))
+        others.append(np.linalg.norm(seen - lengths_s[:, None] * constant_rate(seen, lengths_s)[0], axis=1))
     return np.vstack(others)
 
 

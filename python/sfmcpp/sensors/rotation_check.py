@@ -20,7 +20,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.model.checks import require_positive
 from sfmcpp.sensors.inertial import rotations_at_samples
 from sfmcpp.sensors.mounting import Mounting
-from sfmcpp.sensors.stream import clock_text, interpolate_rotations, require_kind
+from sfmcpp.sensors.stream import clock_text, interpolate_rotations, is_coarse, require_kind
 from sfmcpp.sensors.turn import Turn, rotations_of, times_of
 
 # A clock offset with a larger standard deviation counts as unknown [s].
@@ -55,7 +55,8 @@ class RotationCheck:
     offset_s : float
         What to add to the sensor's stamps [s]: the argument of :meth:`SensorStream.shifted`.
     sigma_s : float
-        What `offset_s` may be off [s]: infinite where the rate never changes.
+        What `offset_s` may be off [s]: infinite where the rate never changes, or its samples are coarse: what
+        they leave out looks like another clock.
     turned_rad : float
         Median rotation from pose to pose that the camera saw, where the sensor's are largest [rad].
     error_rad : float
@@ -210,6 +211,8 @@ def _compare_with_stream(
         turns = _turns_of(absolute, mounting, times, offsets[some])
         errors[some] = so3.log(np.swapaxes(seen, 1, 2) @ turns)
     best, offset_s, sigma_s = _best_offset(errors, offsets)
+    if is_coarse(stream):
+        sigma_s = np.inf
     claimed = so3.rotation_angle(_turns_of(absolute, mounting, times, offsets[best : best + 1])[0])
     largest = claimed >= np.quantile(claimed, 1 - _LARGEST_TURNS)
     turned, error = (float(np.median(so3.rotation_angle(r[largest]))) for r in (seen, so3.exp(errors[best])))

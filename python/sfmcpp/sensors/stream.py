@@ -24,6 +24,8 @@ _PLACES = ("position", "pose")
 _Sides = tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]
 # Rates this far apart do not tell a motion [s].
 _SPARSE_S = 2.0
+# Rates this far apart are coarse [s]: what a vehicle does between two of them is not on the line between.
+_COARSE_S = 0.3
 # Beyond the ends speeds and rates are predicted to stay. Over 0.1 to 0.4 s (drives 0001, 0027, 0036, 0039)
 # they change by 0.3 to 0.5 m/s² and 0.03 to 0.2 rad/s² (root mean square along each axis).
 _PREDICTED_M_S2, _PREDICTED_RAD_S2 = 1.0, 0.3
@@ -43,6 +45,11 @@ def require_interval(start_s: float, end_s: float) -> None:
     """Raise InvalidArgument unless `start_s` ≤ `end_s`, both finite."""
     if not (np.isfinite([start_s, end_s]).all() and start_s <= end_s):
         raise InvalidArgument(f"start_s = {start_s}, end_s = {end_s}: must be finite and in this order")
+
+
+def is_coarse(stream: SensorStream) -> bool:
+    """Whether the samples of a stream of rates are so far apart that a vehicle turns otherwise between."""
+    return stream.kind == "angular_rate" and stream.period_s > _COARSE_S
 
 
 @checked(times_s=(ANY,))

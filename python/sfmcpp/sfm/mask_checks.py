@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.photos import Photo
-from sfmcpp.sources.vision.masks import read_mask
+from sfmcpp.sources.vision.masks import read_mask, told_of_no_mask
 from sfmcpp.sources.vision.photos import PhotoFolder
 from sfmcpp.wording import counted, first_few
 
@@ -34,10 +34,7 @@ def mask_warnings(folder: PhotoFolder) -> list[str]:
         few, missing = first_few(whole, _MOST_NAMED), f"{whole[0]}.png"
         warnings.append(f"{photos} used whole: {few}; there is no {missing} or the like")
     if masked and not _any_masks(masked):
-        masks = counted(len(masked), "mask is", "masks are")
-        warnings.append(
-            f"{masks} black nowhere, so nothing is masked: black is 0 in all colours, however transparent"
-        )
+        warnings.append(told_of_no_mask(len(masked)))
     return warnings
 
 

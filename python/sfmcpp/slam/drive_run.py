@@ -222,7 +222,8 @@ def _doubts_of_frames(frames: FrameSource, sensors: Sequence[MotionSensor]) -> I
     if frames.assumption is not None and sensors:
         # Metres a second at the wrong seconds are as many wrong metres.
         yield f"{frames.assumption}; where that is wrong, so are the scale and the clocks of the sensors"
-    yield from (doubt for doubt in (frames.doubt, frames.camera_doubt) if doubt is not None)
+    doubts = (frames.doubt, frames.camera_doubt, frames.mask_doubt)
+    yield from (doubt for doubt in doubts if doubt is not None)
     yield from frames.right_doubts
 
 

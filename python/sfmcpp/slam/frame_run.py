@@ -10,6 +10,7 @@ from sfmcpp.ba.checkpoints import CheckpointStore
 from sfmcpp.model.frames import Frame
 from sfmcpp.slam.checkpoints import SlamCheckpoints
 from sfmcpp.slam.measurement import MotionSensor
+from sfmcpp.slam.motion_sensors import Gyroscope
 from sfmcpp.slam.result import SlamResult
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.slam import Slam
@@ -69,7 +70,7 @@ def run_slam(
     checkpoints = SlamCheckpoints(checkpoint, resume, source, slam.settings, sensors, slam.state())
     passes = _Passes(source, callback, checkpoints, kept=bool(sensors))
     if passes.take(slam):
-        slam = _repeated_with_corrections(slam, source, passes)
+        slam = _repeated_with_corrections(slam, sensors, source, passes)
     slam.result.seconds = passes.seconds
     slam.result.warnings += checkpoints.warnings
     return slam.result
@@ -129,13 +130,16 @@ class _Passes:
         return ended
 
 
-def _repeated_with_corrections(slam: Slam, source: FrameSource, passes: _Passes) -> Slam:
+def _repeated_with_corrections(
+    slam: Slam, given: Sequence[MotionSensor], source: FrameSource, passes: _Passes
+) -> Slam:
     """The run once more with corrected sensors, if it has found anything wrong; twice after a wrong mounting.
 
     That is kept if it finds nothing wrong any more; otherwise the images were wrong, as on a motorway. But no
-    images turn all directions of travel: a run with a wrong mounting is never kept beside one without.
+    images turn all directions of travel: a run with a wrong mounting is never kept beside one without, nor is
+    one without a map.
     """
-    kept, sensors = slam, slam.in_hindsight() if slam.settings.hindsight else None
+    kept, sensors = slam, _better_sensors(slam, given) if slam.settings.hindsight else None
     for _ in range(_MOST_RESTARTS):
         if sensors is None:
             break
@@ -143,15 +147,31 @@ def _repeated_with_corrections(slam: Slam, source: FrameSource, passes: _Passes)
         if not passes.take(again) or again.result.world is None:
             return kept
         sensors = again.in_hindsight()
-        if sensors is not None and not kept.has_wrong_mounting:
+        if sensors is not None and not kept.has_wrong_mounting and kept.result.world is not None:
             break
         # Of a run that finds nothing, they are of samples that the corrections took away.
         more = [] if sensors is None else again.result.warnings
-        again.result.warnings = _warnings_of_both(kept.result.warnings, more)
+        first = kept.result.warnings + _doubt_of_start(kept.result, given)
+        again.result.warnings = _warnings_of_both(first, more)
         kept = again
     if sensors is not None:
         kept.result.warnings.append("a run without what was wrong found more, and was not kept")
     return kept
+
+
+def _better_sensors(slam: Slam, given: Sequence[MotionSensor]) -> tuple[MotionSensor, ...] | None:
+    """What a run should have had; where no map was started, no gyroscope, by whose turns it was to start."""
+    if slam.result.world is not None:
+        return slam.in_hindsight()
+    others = tuple(sensor for sensor in given if not isinstance(sensor, Gyroscope))
+    return others if len(others) < len(given) else None
+
+
+def _doubt_of_start(result: SlamResult, given: Sequence[MotionSensor]) -> list[str]:
+    """What is told of a run without a map, if one without gyroscopes has one."""
+    gyros = " and ".join(sensor.name for sensor in given if isinstance(sensor, Gyroscope))
+    told = f"{gyros}: no map can be started with it, but without: check its axes, unit and clock"
+    return [told] if result.world is None else []
 
 
 def _warnings_of_both(first: list[str], second: list[str]) -> list[str]:

@@ -18,16 +18,18 @@ from sfmcpp.sensors import (
     rotation_increment,
     sampling_variance,
     travelled_distance,
+    without_counter_leaps,
 )
 from sfmcpp.sensors.frozen_speed import frozen_stretches
 from sfmcpp.sensors.odometer import displacement_along
-from sfmcpp.sensors.stream import prediction_sigma
+from sfmcpp.sensors.stream import is_coarse, prediction_sigma
 from sfmcpp.slam.measurement import Measurement, require_sigma
 from sfmcpp.slam.position_sensors import Gps, Ins
 
 # Where rates are sampled seven times in a sway, rotations are off by 0.1 to 0.3 of what the samples show
-# beside their neighbours (simulated walkers); where the errors of rates are independent, by all of it.
-_LEAST_SHARE = 0.25
+# beside their neighbours (simulated walkers); where the errors of rates are independent, by all of it. Those
+# of 0001, 0027, 0036 and 0039 with a sample each 0.2 s by 0.22 to 0.31, each 0.5 or 1 s by 0.33 to 0.78.
+_LEAST_SHARE, _COARSE_SHARE = 0.25, 0.6
 # Where a speed is interpolated over a stretch, its error grows so fast from either end.
 _CARRIED_M_S2 = 1.0
 
@@ -43,6 +45,7 @@ class Odometer:
 
     Where the speed leaps as no vehicle's can and leaps back, or its last value is repeated until it leaps, it
     is interpolated between, with a larger standard deviation; where it does not leap back, it has no weight.
+    A way that leaps once and goes on as before was counted from another origin, and loses the leap.
 
     A scale does not yield to the images: an odometer that yields has no weight for twenty keyframes after one
     at which the map lost its scale; a sudden slip shows in the stream; a slow one is followed by the map
@@ -94,7 +97,7 @@ class Odometer:
     def jumping_stretches(self) -> tuple[Gap, ...]:
         """Where its speed is one that no vehicle can have driven; a frozen one leaps for another reason."""
         frozen = self._ended(self.frozen_stretches)
-        return doubtful_stretches(carried_over(self.stream, frozen) if frozen else self.stream)
+        return doubtful_stretches(carried_over(self.stream, frozen) if frozen else self._counted_on)
 
     @property
     def doubtful_stretches(self) -> tuple[Gap, ...]:
@@ -112,7 +115,12 @@ class Odometer:
     @cached_property
     def _stream_without_leaps(self) -> SensorStream:
         carried = self.carried_stretches
-        return carried_over(self.stream, carried) if carried else self.stream
+        return carried_over(self.stream, carried) if carried else self._counted_on
+
+    @cached_property
+    def _counted_on(self) -> SensorStream:
+        """The stream, its way without leaps of a counter."""
+        return without_counter_leaps(self.stream) if self.stream.kind == "distance" else self.stream
 
     def between(self, start_s: float, end_s: float, turn: FloatArray | None = None) -> float | None:
         """Distance travelled [m]; None where it is not measured, or doubtful."""
@@ -171,8 +179,8 @@ class Gyroscope:
 
     Rates that are sampled too slowly for a shaking body have larger errors than declared. The stream shows
     where and by how much at most (:func:`sfmcpp.sensors.sampling_variance`). Conflicts are judged by that.
-    Weights are chosen by a quarter of it, where that is more than declared: all of it costs more than it
-    gains on drives, as images with few tracks are worse still.
+    Weights are chosen by a quarter of it, where that is more than declared (of samples more than 0.3 s apart
+    by six tenths): all of it costs more than it gains on drives, as images with few tracks are worse still.
 
     Attributes
     ----------
@@ -217,7 +225,8 @@ class Gyroscope:
         if turn is None:
             return None
         slack_rad = self._sampling_rad(start_s, end_s)
-        sigma_rad = self._sigma_rad(start_s, end_s, _LEAST_SHARE * slack_rad)
+        share = _COARSE_SHARE if is_coarse(self.stream) else _LEAST_SHARE
+        sigma_rad = self._sigma_rad(start_s, end_s, share * slack_rad)
         return Measurement(self.name, "displacement-rotation-log", turn, sigma_rad, slack=slack_rad)
 
     def _sigma_rad(self, start_s: float, end_s: float, least_rad: float) -> float | None:

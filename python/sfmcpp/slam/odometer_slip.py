@@ -24,7 +24,7 @@ from sfmcpp.slam.motion_sensors import Odometer
 from sfmcpp.slam.odometer_clock import set_odometer_clocks
 from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.result import SlamResult
-from sfmcpp.slam.sensor_faults import misaligned_odometers
+from sfmcpp.slam.sensor_faults import has_wrong_axes
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
 from sfmcpp.slam.world_map import Keyframe, WorldMap
@@ -57,15 +57,15 @@ def check_odometers(result: SlamResult, sensors: SensorSuite, settings: SlamSett
     sensors : SensorSuite
         Stamps are moved, and slips are known for a run in hindsight.
     settings : SlamSettings
-        Nothing is done where declared σ count for nothing, nor where a mounting is wrong: that has bent the
-        map, and the run is begun again without it.
+        Nothing is done where declared σ count for nothing, nor where a mounting or axes are wrong: that has
+        bent the map, and the run is begun again without it.
 
     Returns
     -------
     list of str
         A sentence for each.
     """
-    if not settings.trusts_declared or misaligned_odometers(sensors):
+    if not settings.trusts_declared or has_wrong_axes(sensors):
         return []
     return set_odometer_clocks(sensors) or _find_slips(result, sensors)
 

@@ -11,13 +11,16 @@ from sfmcpp.model import Gap, Trajectory
 from sfmcpp.model.arrays import FloatArray
 from sfmcpp.sensors import (
     MOST_TURNS,
+    RateAxes,
     Turn,
     check_rotations,
     dead_stretches,
+    describe_counter_leaps,
     describe_coverage,
     describe_gaps,
     describe_spikes,
     find_misalignment,
+    find_rate_axes,
 )
 from sfmcpp.sensors.agreement import describe_other_time
 from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
@@ -61,9 +64,12 @@ def faults_of_run(sensors: SensorSuite, vision: Trajectory) -> list[str]:
 
     `vision` has the rotations of the camera by the images alone.
     """
-    rotations = [
+    misread = misread_gyroscopes(sensors)
+    rotations = [f"{name}: {axes.complaint}" for name, axes in misread.items()]
+    rotations += [
         check_rotations(gyro.stream, gyro.mounting, vision).complaint(gyro.name)
         for gyro in sensors.of_type(Gyroscope)
+        if gyro.name not in misread
     ]
     turned = [
         f"{name}: its directions differ by {np.degrees(so3.rotation_angle(turn)):.1f}° from those of the "
@@ -91,6 +97,19 @@ def misaligned_odometers(sensors: SensorSuite) -> dict[str, FloatArray]:
     return {name: turn for name, pair in steps.items() if (turn := find_misalignment(*pair)) is not None}
 
 
+def misread_gyroscopes(sensors: SensorSuite) -> dict[str, RateAxes]:
+    """Axes and units of gyroscopes as they were given, where images show others than the declared ones."""
+    found = {
+        s.name: find_rate_axes(s.stream, s.mounting, sensors.turns) for s in sensors.given if has_rates(s)
+    }
+    return {name: axes for name, axes in found.items() if axes is not None}
+
+
+def has_wrong_axes(sensors: SensorSuite) -> bool:
+    """Whether images contradict the mounting of an odometer, or the axes or the unit of a gyroscope."""
+    return bool(misaligned_odometers(sensors) or misread_gyroscopes(sensors))
+
+
 def _steps_and_directions(odometer: Odometer, turns: Sequence[Turn]) -> tuple[FloatArray, FloatArray]:
     """Steps (n, 3) of the camera by an odometer [m], and their directions (n, 3) by pairs of images."""
     compared = [
@@ -110,7 +129,9 @@ def _speed_jumps(odometer: Odometer) -> list[str]:
     told = f"stream {odometer.stream.name!r}: the speed"
     frozen = f"{told} repeats its last value and then leaps, as if frozen; "
     jumps = f"{told} jumps by more than a vehicle can; "
+    stream = odometer.stream
     return [
+        *(describe_counter_leaps(stream) if stream.kind == "distance" else []),
         *_sentences(frozen, odometer.frozen_stretches, odometer),
         *_sentences(jumps, odometer.jumping_stretches, odometer),
     ]

@@ -16,7 +16,6 @@ from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import ANY, FloatArray
 from sfmcpp.model.checks import require_finite, require_near
 from sfmcpp.model.frames import Frame, View, checked_view, common
-from sfmcpp.slam.baseline_check import warn_of_baseline
 from sfmcpp.slam.between_keyframes import fit_between_keyframes, fit_latest_frame
 from sfmcpp.slam.bridging import Follower, Step, rejoin, untied
 from sfmcpp.slam.calibration import calibrate, calibrate_at_rest
@@ -30,6 +29,7 @@ from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.localisation import expected_rotation, locate
 from sfmcpp.slam.mapping import adjust, finish_map, triangulate_new
 from sfmcpp.slam.measurement import Measurement, MotionSensor
+from sfmcpp.slam.metres_check import warn_of_metres
 from sfmcpp.slam.odometer_clock import remember_step
 from sfmcpp.slam.odometer_slip import check_odometers
 from sfmcpp.slam.registration import place_at_end, place_in_world
@@ -41,7 +41,7 @@ from sfmcpp.slam.sensor_faults import (
     faults_of_run,
     faults_of_streams,
     faults_so_far,
-    misaligned_odometers,
+    has_wrong_axes,
 )
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.settings import SlamSettings
@@ -212,7 +212,7 @@ class Slam:
             self.result.warnings += faults_of_run(self._sensors, self.result.seen_trajectory())
         self.result.warnings += check_positions(self.result, self._sensors)
         self.result.warnings += check_odometers(self.result, self._sensors, self.settings)
-        self.result.warnings += warn_of_baseline(self.result.world, self._sensors)
+        self.result.warnings += warn_of_metres(self.result.world, self._sensors)
         self.result.warnings += warn_of_scale(self.result)
         self.result.warnings += warn_of_gaps(self.result, self._sensors)
         self.result.warnings += warn_of_still_tracks(self.result.world)
@@ -230,8 +230,8 @@ class Slam:
 
     @property
     def has_wrong_mounting(self) -> bool:
-        """Whether the directions of an odometer contradict its mounting."""
-        return bool(misaligned_odometers(self._sensors))
+        """Whether images contradict the mounting of an odometer, or the axes of a gyroscope."""
+        return has_wrong_axes(self._sensors)
 
     def _require_next(self, frame: Frame) -> None:
         if self._finished:

@@ -54,6 +54,8 @@ class FrameSource(ABC):
         What makes their times doubtful, a sentence.
     camera_doubt : str or None
         What makes the intrinsics doubtful, a sentence.
+    mask_doubt : str or None
+        What makes the mask doubtful, a sentence.
     right_use : RightUse or None
         How much right images show, of those looked at so far; None where there are none.
     right_doubts : sequence of str
@@ -78,6 +80,7 @@ class FrameSource(ABC):
     assumed_fps: float | None = None
     doubt: str | None = None
     camera_doubt: str | None = None
+    mask_doubt: str | None = None
     right_use: RightUse | None = None
     right_doubts: Sequence[str] = ()
     image_size: tuple[int, int] | None = None

@@ -31,6 +31,7 @@ from sfmcpp.sources.right_images import RightImages
 from sfmcpp.sources.stereo_pair import StereoArgument, right_images, stereo_pair
 from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features, open_frames, read_mask
 from sfmcpp.sources.vision.images import GreyImage
+from sfmcpp.sources.vision.masks import told_of_no_mask
 
 _TRUTH = "poses.txt"
 
@@ -213,6 +214,8 @@ def open_images(
     right = None if stereo is None else _open_right(images, camera, intrinsics, size, settings, stereo)
     stream = ImageStream(images, intrinsics, time_of, settings, usable, right)
     stream.assumed_fps, stream.doubt = assumed_fps, doubt
+    if usable is not None and usable.all():
+        stream.mask_doubt = told_of_no_mask(1)
     if calibration.size is None:
         stream.camera_doubt = doubt_of_size(intrinsics, *size)
     return stream, truth

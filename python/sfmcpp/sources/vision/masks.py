@@ -14,6 +14,7 @@ from sfmcpp.errors import DatasetError
 from sfmcpp.model.photos import Photo
 from sfmcpp.sources.io.files import is_regular_file
 from sfmcpp.sources.vision.photo_pixels import bytes_of, decoded, opened_image
+from sfmcpp.wording import counted
 
 DIGEST_BYTES = 20
 _SUFFIX = ".png"
@@ -46,6 +47,12 @@ def read_mask(file: Path, size: tuple[int, int], masked: str) -> NDArray[np.bool
         _require_mask_size(file, image.size, size, masked)
         pixels = decoded(file, image)
         return np.asarray(pixels.reshape(*pixels.shape[:2], -1).any(axis=2))
+
+
+def told_of_no_mask(count: int) -> str:
+    """A sentence on as many masks that mask nothing."""
+    masks = counted(count, "mask is", "masks are")
+    return f"{masks} black nowhere, so nothing is masked: black is 0 in all colours, however transparent"
 
 
 def with_mask(photo: Photo, masks: Path) -> Photo:

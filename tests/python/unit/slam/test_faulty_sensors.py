@@ -269,3 +269,25 @@ def test_what_is_wrong_beside_a_wrong_mounting_is_taken_away_by_a_second_restart
     assert result.warnings[-1] == "the run was begun again without what was wrong"
     assert during(result, "gyro", "weights") == []
     assert len(during(result, "odometer", "weights")) >= 3
+
+
+@pytest.mark.parametrize("axes", [np.diag([1.0, -1.0, 1.0]), -np.eye(3), np.eye(3)[[2, 0, 1]]])
+def test_a_gyro_in_other_axes_is_told_and_read_rightly(axes: np.ndarray) -> None:
+    drive = winding()
+    gyro = replace(drive.gyro, values=drive.gyro.values @ axes.T)
+    sound, mended = (
+        run_slam(drive.sequence, sensors=[Gyroscope(stream, AT_CAMERA)]) for stream in (drive.gyro, gyro)
+    )
+    assert any("gyro: its rates" in told for told in mended.warnings)
+    assert mended.warnings[-1] == "the run was begun again without what was wrong"
+    assert drive.errors(mended)[0] < 1.2 * drive.errors(sound)[0]
+
+
+def test_an_odometer_whose_counter_wraps_is_told_and_counts_on() -> None:
+    drive = winding()
+    way_m = np.cumsum(drive.odometer.values[:, -1]) * np.median(np.diff(drive.odometer.t_s))
+    streams = [SensorStream(drive.odometer.t_s, way, "distance", "wheel") for way in (way_m, way_m % 16.384)]
+    sound, wrapped = (run_slam(drive.sequence, sensors=[Odometer(stream)]) for stream in streams)
+    (told,) = wrapped.warnings
+    assert "a counter that wraps?" in told
+    assert drive.errors(wrapped)[0] < 1.2 * drive.errors(sound)[0]

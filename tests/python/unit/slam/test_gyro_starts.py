@@ -7,7 +7,8 @@ import pytest
 
 from sfmcpp.geometry import so3
 from sfmcpp.model import SensorStream
-from sfmcpp.slam import Gyroscope, SlamSettings, TrackSequence, WorldMap, run_slam
+from sfmcpp.model.frames import Frame
+from sfmcpp.slam import Gyroscope, Odometer, SlamSettings, TrackSequence, WorldMap, run_slam
 from sfmcpp.slam.initialisation import Initialiser
 from sfmcpp.slam.localisation import expected_rotation, locate
 from sfmcpp.slam.sensor_suite import SensorSuite
@@ -102,3 +103,24 @@ def test_exact_tracks_and_rates_start_a_map() -> None:
     result = run_slam(exact.sequence, sensors=[Gyroscope(exact.gyro, AT_CAMERA)])
     assert sorted(result.poses) == list(range(len(exact.sequence)))
     assert exact.errors(result)[0] < 0.01
+
+
+def test_a_run_without_a_map_is_begun_without_a_gyroscope(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drive, try_frame = winding(), Initialiser.try_frame
+
+    def try_without_gyroscope(self: Initialiser, frame: Frame) -> WorldMap | None:
+        return None if self._sensors.of_type(Gyroscope) else try_frame(self, frame)
+
+    monkeypatch.setattr(Initialiser, "try_frame", try_without_gyroscope)
+    sensors = [Gyroscope(drive.gyro, AT_CAMERA), Odometer(drive.odometer)]
+    mended, alone = (run_slam(drive.sequence, sensors=some) for some in (sensors, sensors[1:]))
+    assert mended.warnings == [
+        "gyro: no map can be started with it, but without: check its axes, unit and clock",
+        "the run was begun again without what was wrong",
+    ]
+    np.testing.assert_array_equal(mended.trajectory().poses, alone.trajectory().poses)
+    once = run_slam(drive.sequence, SlamSettings(hindsight=False), sensors)
+    assert once.world is None
+    assert once.warnings == []

@@ -381,3 +381,17 @@ def test_true_poses_beside_the_images_get_their_times(tmp_path: Path) -> None:
     assert truth is not None
     np.testing.assert_allclose(truth.t_s, [0, 0.1, 0.2])
     np.testing.assert_array_equal(truth.centres[:, 0], [0, 1, 2])
+
+
+def test_a_mask_that_is_black_nowhere_is_told(tmp_path: Path) -> None:
+    images, mask = write_images(tmp_path / "images"), tmp_path / "mask.png"
+    told = []
+    for level in (3, 0):
+        pixels = np.full((48, 64), 255, np.uint8)
+        pixels[40:] = level
+        cv2.imwrite(str(mask), pixels)
+        warnings = slam.run(images, camera=CAMERA, mask=mask).result.warnings
+        told.append([text for text in warnings if "mask" in text])
+    (of_grey,), of_black = told
+    assert of_grey.startswith("1 mask is black nowhere, so nothing is masked: black is 0")
+    assert of_black == []
