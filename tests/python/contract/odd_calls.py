@@ -21,6 +21,7 @@ POSES = np.stack([np.hstack([np.eye(3), [[k], [k * k / 10], [k % 2]]]) for k in 
 PATH = Trajectory(STAMPS, POSES)
 TURNS = SensorStream(STAMPS, np.full((6, 3), 0.01), "angular_rate")
 SPEED = SensorStream(STAMPS, np.ones((6, 1)), "speed")
+WAY = SensorStream(STAMPS, STAMPS[:, None], "distance")
 POSE = SensorStream(STAMPS, np.hstack([POSES[:, :, 3], np.zeros((6, 3))]), "pose")
 POSITION = SensorStream(STAMPS, POSES[:, :, 3], "position")
 GEODETIC = SensorStream(STAMPS, np.tile([46.0, 9.0, 100.0], (6, 1)), "geodetic")
@@ -120,7 +121,9 @@ BY_FUNCTION: dict[str, dict[str, Any]] = {
     "sensors.check_bends": {"stream": POSITION, "vision": PATH},
     "sensors.check_position_clock": {"stream": POSITION, "path": PATH},
     "sensors.check_rotations": {"vision": PATH},
+    "sensors.counter_leaps": {"stream": WAY},
     "sensors.dead_stretches": {"stream": SPEED, "turns": []},
+    "sensors.describe_counter_leaps": {"stream": WAY},
     "sensors.doubtful_stretches": {"stream": SPEED},
     "sensors.local_positions": {"stream": GEODETIC},
     "sensors.pose_at": {"stream": POSE},
@@ -128,6 +131,7 @@ BY_FUNCTION: dict[str, dict[str, Any]] = {
     "sensors.smoothed_positions": {"stream": POSITION},
     "sensors.displaced_positions": {"stream": POSITION},
     "sensors.longest_lost_fix": {"stream": POSITION, "sigma_m": 1.0},
+    "sensors.without_counter_leaps": {"stream": WAY},
     "sensors.without_leaps": {"stream": POSITION},
     "sensors.without_repeats": {"stream": POSITION},
     "sensors.register_by_distances": {"vision": POSES},
