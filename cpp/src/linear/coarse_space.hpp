@@ -22,12 +22,12 @@ namespace sfmcpp::linear {
 class CoarseSpace {
  public:
   // Set up when it is first factored: many runs end before. `structure`, of all ranks: neighbours
-  // are found in it then, and none are given.
+  // are found in it then, and none are given; else null.
   CoarseSpace(const NormalEquations& normal,
               const BlockSparseSchur& schur,
               const CameraPartition& partition,
               CameraNeighbours neighbours,
-              std::shared_ptr<const ReducedStructure> structure = nullptr);
+              std::shared_ptr<const ReducedStructure> structure);
 
   // For the blocks that are assembled now, with λD in `diagonal`. Without modes, or where the
   // coarse matrix is not positive definite, the correction is zero.

@@ -51,7 +51,7 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
 IterativeSolver::IterativeSolver(const NormalEquations& normal,
                                  const LinearSolverOptions& options,
                                  const std::shared_ptr<const ReducedStructure>& structure,
-                                 const CameraGroups& groups)
+                                 CameraGroups groups)
     : normal_(normal),
       options_(options),
       elimination_(normal),
@@ -63,7 +63,7 @@ IterativeSolver::IterativeSolver(const NormalEquations& normal,
                   ? std::make_unique<BlockSparseSchur>(normal, elimination_, partition_, structure)
                   : nullptr),
       product_(normal, blocks_ ? static_cast<SchurOperator&>(*blocks_) : *implicit_, partition_),
-      preconditioner_(normal, blocks_.get(), partition_, groups, structure),
+      preconditioner_(normal, blocks_.get(), partition_, std::move(groups), structure),
       conjugate_gradients_(normal.pool(), normal.exchange()) {}
 
 LinearSolveResult IterativeSolver::solve(const Damping& damping,

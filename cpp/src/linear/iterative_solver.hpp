@@ -38,7 +38,7 @@ class IterativeSolver final : public LinearSolver {
   IterativeSolver(const NormalEquations& normal,
                   const LinearSolverOptions& options,
                   const std::shared_ptr<const ReducedStructure>& structure,
-                  const CameraGroups& groups);
+                  CameraGroups groups);
   void form(const Damping& damping);
   void learn(int iterations);
   ConjugateGradientResult correct(const Vector& residual,
