@@ -18,12 +18,14 @@ class NamedFields:
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __setattr__(self, name: str, value: Any) -> None:
-        is_property = isinstance(getattr(type(self), name, None), property)
-        if not (name in self.__dataclass_fields__ or name.startswith("_") or is_property):
+        if not (name in self.__dataclass_fields__ or name.startswith("_") or self._is_property(name)):
             known = [field.name for field in fields(self)]
             kind = type(self).__name__
             raise AttributeError(f"{kind} has no field {name!r}{meant(name, known)}", name=name)
         super().__setattr__(name, value)
+
+    def _is_property(self, name: str) -> bool:
+        return isinstance(getattr(type(self), name, None), property)
 
     def __delattr__(self, name: str) -> None:
         if name in self.__dataclass_fields__:

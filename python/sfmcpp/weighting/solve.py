@@ -179,8 +179,10 @@ class _Weights:
             for one in self.chosen
             if one.at_end
         ]
-        warnings = [*summary.warnings, *self.warnings, *ends, *contradictions]
-        return replace(summary, group_weights=self.chosen, warnings=warnings)
+        added = [*self.warnings, *ends, *contradictions]
+        if not (self.chosen or added):
+            return summary
+        return replace(summary, group_weights=self.chosen, warnings=[*summary.warnings, *added])
 
 
 def _choose_weights(
