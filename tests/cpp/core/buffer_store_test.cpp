@@ -1,8 +1,12 @@
 #include "sfmcpp/core/buffer_store.hpp"
 
 #include <algorithm>
+#include <cstdint>
 #include <cstring>
+#include <fstream>
 #include <random>
+#include <sstream>
+#include <string>
 #include <vector>
 
 #if defined(__linux__)
@@ -80,6 +84,37 @@ TEST_F(Store, PagesMadeAheadAreThereAndKeepWhatArraysHold) {
   store.populate(0, kBytes);
   EXPECT_TRUE(holds_its_mark(array));
   store.populate(kSize - kPage, kSize + 5 * kPage);  // as far as the store goes
+}
+#endif
+
+#if defined(MADV_HUGEPAGE)
+// The system's flags of the memory that an address lies in; empty where it does not tell.
+std::string flags_of(const char* address) {
+  std::ifstream maps("/proc/self/smaps");
+  bool is_of_address = false;
+  for (std::string line; std::getline(maps, line);) {
+    std::istringstream words(line);
+    std::uintptr_t begin = 0, end = 0;
+    char dash = 0;
+    if (words >> std::hex >> begin >> dash >> end && dash == '-') {
+      const auto wanted = reinterpret_cast<std::uintptr_t>(address);
+      is_of_address = begin <= wanted && wanted < end;
+    } else if (is_of_address && line.starts_with("VmFlags:")) {
+      return line + " ";
+    }
+  }
+  return "";
+}
+
+TEST(AllocateLarge, OnlyArraysOfAGigabyteAskForHugePages) {
+  for (const std::size_t megabytes : {std::size_t{900}, std::size_t{1100}}) {
+    const std::size_t bytes = megabytes << 20;
+    void* memory = allocate_large(bytes);  // and never touched
+    const std::string flags = flags_of(static_cast<char*>(memory) + bytes / 2);
+    free_large(memory, bytes);
+    if (flags.empty()) GTEST_SKIP() << "this system tells no flags of its memory";
+    EXPECT_EQ(flags.find(" hg ") != std::string::npos, megabytes > 1024) << flags;
+  }
 }
 #endif
 

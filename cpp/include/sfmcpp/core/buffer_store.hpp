@@ -4,9 +4,9 @@
 // every page of them would be cleared by it when it is touched first, 4 KB at a time, which costs a
 // small problem as much as a step; and given back, they would have to be cleared again for the next
 // solve. So arrays are cut from one piece of address space, and what they leave is kept for the
-// next solve. The piece is bounded: what does not fit comes from the system. Huge pages are not
-// requested: virtual machines have to find them first, which took longer than they saved
-// (docs/benchmarks.md, "cold starts").
+// next solve. The piece is bounded: what does not fit comes from the system. Huge pages are
+// requested for arrays of a gigabyte only: virtual machines have to find them first, which took
+// longer than smaller arrays save (docs/benchmarks.md, "cold starts").
 #pragma once
 
 #include <array>
