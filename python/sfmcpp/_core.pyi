@@ -6,7 +6,8 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'CommunicatorExchange', 'ConstraintKind', 'CoreCameraFunction', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'LEAST_FY', 'LOSS_TABLE_TERMS', 'LossTable', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'check_part', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'undistorted_pixels', 'usable_cores']
+import typing_extensions
+__all__: list[str] = ['CAMERA_MODELS', 'CONSTRAINT_KINDS', 'CommunicatorExchange', 'ConstraintKind', 'CoreCameraFunction', 'CoreCameraModel', 'CoreIteration', 'CoreLinearModel', 'CoreSummary', 'INSTRUCTION_SET', 'JacobianCheck', 'LEAST_FY', 'LOSS_TABLE_TERMS', 'LossTable', 'PoseSweepOptions', 'SOLVE_OPTIONS', 'SolveOption', 'SolveOptions', 'align_patches', 'check', 'check_jacobians', 'check_part', 'constraint_costs', 'explore_step', 'group_ranks', 'join_records', 'linearize_pose', 'loss_terms', 'nearest_both_ways', 'nearest_of_first', 'number_lines', 'projection_matrices', 'ragged_text', 'read_numbers', 'refine_pose', 'residuals', 'sample_patches', 'solve', 'split_records', 'sweep_pose_weights', 'text_memory', 'undistorted_pixels', 'usable_cores']
 class LossTable:
     """
     A robust loss whose derivative is a table.
@@ -721,7 +722,7 @@ def nearest_of_first(first: numpy.typing.NDArray[numpy.uint8], second: numpy.typ
     """
     Nearest of `second` to each of `first`: its number (-1: none), the squared distances to it and to the second nearest (2**29: none).
     """
-def number_lines(text: bytes, comments: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
+def number_lines(text: typing_extensions.Buffer, comments: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
     """
     Lines that hold words: index of the first word, how many, number of the line from 1.
     """
@@ -733,7 +734,7 @@ def ragged_text(head: collections.abc.Sequence[tuple[str, numpy.ndarray]], after
     """
     Rows of text: each head, then the next counts[i] items, then the tail. A column is a pair of the text before it and its values.
     """
-def read_numbers(text: bytes, comments: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
+def read_numbers(text: typing_extensions.Buffer, comments: bool = False, threads: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple:
     """
     All numbers of a text, and the byte of the first word that is no finite number, or -1.
     """
@@ -760,6 +761,10 @@ def split_records(data: bytes, begin: typing.SupportsInt | typing.SupportsIndex,
 def sweep_pose_weights(view: dict, constraints: collections.abc.Sequence[dict], selected: typing.SupportsInt | typing.SupportsIndex, weights: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex], start: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], options: PoseSweepOptions) -> dict:
     """
     One pose fit for each weight of the selected constraint; arrays by name.
+    """
+def text_memory(bytes: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
+    """
+    Memory for so many bytes of text, not set; the next solve finds its pages again.
     """
 def undistorted_pixels(arrays: dict) -> numpy.typing.NDArray[numpy.float64]:
     """

@@ -25,12 +25,33 @@ int threads_for(int requested, long work, long work_of_a_thread) {
   return static_cast<int>(std::max(std::min(machine, work / work_of_a_thread), 1L));
 }
 
+// Bytes, or an array of them; while the buffer lives, nobody frees or resizes it.
+class TextBuffer {
+ public:
+  explicit TextBuffer(const py::buffer& text) : info_(text.request()) {
+    if (info_.ndim != 1 || info_.itemsize != 1 || info_.strides[0] != 1)
+      throw InvalidArgument("text: must be bytes one after another");
+  }
+  std::string_view text() const {
+    return {static_cast<const char*>(info_.ptr), static_cast<std::size_t>(info_.size)};
+  }
+
+ private:
+  py::buffer_info info_;
+};
+
+py::array_t<std::uint8_t> text_memory(long bytes) {
+  if (bytes < 0) throw InvalidArgument("bytes = " + std::to_string(bytes) + ": must be at least 0");
+  return array_from(AlignedVector<std::uint8_t>(static_cast<std::size_t>(bytes)));
+}
+
 std::string_view bytes_of(const Bytes& array) {
   return {reinterpret_cast<const char*>(array.data()), static_cast<std::size_t>(array.size())};
 }
 
-py::tuple read_numbers(const py::bytes& data, bool comments, int threads) {
-  const auto text = static_cast<std::string_view>(data);
+py::tuple read_numbers(const py::buffer& data, bool comments, int threads) {
+  const TextBuffer buffer(data);
+  const std::string_view text = buffer.text();
   const auto bytes = static_cast<long>(text.size());
   const BorrowedPool borrowed(threads_for(threads, bytes, kBytesOfAThread));
   const NumberText numbers = [&] {
@@ -45,8 +66,9 @@ py::tuple read_numbers(const py::bytes& data, bool comments, int threads) {
   return py::make_tuple(array_from(std::move(values)), bad);
 }
 
-py::tuple number_lines(const py::bytes& data, bool comments, int threads) {
-  const auto text = static_cast<std::string_view>(data);
+py::tuple number_lines(const py::buffer& data, bool comments, int threads) {
+  const TextBuffer buffer(data);
+  const std::string_view text = buffer.text();
   const BorrowedPool borrowed(
       threads_for(threads, static_cast<long>(text.size()), kBytesOfAThread));
   const NumberText::Lines lines = [&] {
@@ -163,6 +185,10 @@ py::array_t<long> group_ranks_of(const Indices& group, long num_groups) {
 }  // namespace
 
 void bind_files(py::module_& m) {
+  m.def("text_memory",
+        &text_memory,
+        py::arg("bytes"),
+        "Memory for so many bytes of text, not set; the next solve finds its pages again.");
   m.def("read_numbers",
         &read_numbers,
         py::arg("text"),

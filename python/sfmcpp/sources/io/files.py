@@ -26,7 +26,7 @@ COMPRESSED_SUFFIXES = (".bz2", ".gz", ".xz")
 
 BLANKS = b" \t\n\r\v\f"
 
-_PIECE_BYTES, _CHUNK_BYTES, _COMPRESSED_BYTES = 16 << 20, 1 << 20, 4096
+_COMPRESSED_BYTES = 4096
 _GZIP_HEADER = 16 + zlib.MAX_WBITS
 _XZ_MEMORY_BYTES = 256 << 20
 MAX_EXPANDED, MAX_IMAGE = "SFMCPP_MAX_EXPANDED_MB", "SFMCPP_MAX_IMAGE_MPX"
@@ -78,7 +78,7 @@ def read_bytes(path: Path, *, may_be_empty: bool = False) -> bytes:
         says, ends early, has anything after the compressed data, or expands further than `largest_expansion`
         allows.
     """
-    data = b"".join(_content(path))
+    data = b"".join(content_chunks(path))
     if not (data or may_be_empty):
         raise DatasetError(path, "the file is empty")
     return data
@@ -94,35 +94,15 @@ def read_text_bytes(path: Path, *, may_be_empty: bool = False) -> bytes:
     DatasetError
         As :func:`read_bytes`, and for UTF-16.
     """
-    data = _without_byte_order_mark(path, read_bytes(path, may_be_empty=may_be_empty))
+    data = without_byte_order_mark(path, read_bytes(path, may_be_empty=may_be_empty))
     return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 
-def _without_byte_order_mark(path: Path, data: bytes) -> bytes:
+def without_byte_order_mark(path: Path, data: bytes) -> bytes:
+    """A text, or its beginning, without the mark; a DatasetError for UTF-16."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise DatasetError(path, "is text in UTF-16: must be UTF-8")
     return data.removeprefix(codecs.BOM_UTF8)
-
-
-def read_pieces(path: Path) -> Iterator[bytes]:
-    """Content as of :func:`read_text_bytes` in pieces of some megabytes, all but the last end with a blank.
-
-    Raises
-    ------
-    DatasetError
-        As :func:`read_text_bytes`, but not before the fault is reached.
-    """
-    is_empty, waiting, size = True, [], 0
-    for chunk in _content(path):
-        waiting.append(_without_byte_order_mark(path, chunk) if is_empty else chunk)
-        size += len(chunk)
-        is_empty = is_empty and not chunk
-        if size >= _PIECE_BYTES and (end := _behind_last_blank(chunk)):
-            yield b"".join([*waiting[:-1], chunk[:end]])
-            waiting, size = [chunk[end:]], len(chunk) - end
-    if is_empty:
-        raise DatasetError(path, "the file is empty")
-    yield b"".join(waiting)
 
 
 def read_own_bytes(path: Path, rank: int, ranks: int) -> bytes:
@@ -134,7 +114,7 @@ def read_own_bytes(path: Path, rank: int, ranks: int) -> bytes:
             begin, end = (_next_boundary(file, size, size * r // ranks) for r in (rank, rank + 1))
             file.seek(begin)
             share = file.read(end - begin)
-    return share if begin else _without_byte_order_mark(path, share)
+    return share if begin else without_byte_order_mark(path, share)
 
 
 def _next_boundary(file: IO[bytes], size: int, place: int) -> int:
@@ -270,23 +250,15 @@ def compressed_writer(raw: IO[bytes], path: Path) -> AbstractContextManager[IO[b
     return nullcontext(raw)
 
 
-def _content(path: Path) -> Iterator[bytes]:
-    """Content of a file, decompressed, in chunks of any size."""
+def content_chunks(path: Path) -> Iterator[bytes]:
+    """Content of a file as of :func:`read_bytes`, in chunks of any size."""
     with failures_named(path):
         require_regular_file(path)
         make = _DECOMPRESSORS.get(path.suffix.lower())
         if make is not None:
             yield from _decompressed(path, path.read_bytes(), make)
-        elif path.stat().st_size <= _PIECE_BYTES:
-            yield path.read_bytes()
         else:
-            with path.open("rb") as file:
-                while chunk := file.read(_CHUNK_BYTES):
-                    yield chunk
-
-
-def _behind_last_blank(chunk: bytes) -> int:
-    return max(map(chunk.rfind, BLANKS)) + 1
+            yield path.read_bytes()
 
 
 def _decompressed(path: Path, data: bytes, make: Callable[[], _Decompressor]) -> Iterator[bytes]:

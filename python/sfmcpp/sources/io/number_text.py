@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 from sfmcpp import _core
 from sfmcpp.errors import DatasetError
 from sfmcpp.model.arrays import BoolArray, FloatArray
-from sfmcpp.sources.io.files import read_pieces
+from sfmcpp.sources.io.text_pieces import read_pieces
 
 TokenSet = slice | NDArray[np.int64]
 
 _WORD = re.compile(rb"\S+")
 _DIGITS = re.compile(rb"[+-]?[0-9]{1,400}")
+_LINE_END = ord("\n")
 _LONGEST_QUOTE = 40
 _MOST = 1 << 62
 # From here on a float is not every whole number.
@@ -47,7 +48,7 @@ class NumberText:
     ----------
     path : Path
         File named in errors.
-    data : bytes
+    data : bytes or memoryview of them
         Content of the file; lines that start with ``#`` are comments if `comments` is true.
     before : int
         How many lines of the file stand before `data`.
@@ -58,7 +59,9 @@ class NumberText:
         If anything is not a finite decimal number; it names the line.
     """
 
-    def __init__(self, path: Path, data: bytes, *, comments: bool = False, before: int = 0) -> None:
+    def __init__(
+        self, path: Path, data: bytes | memoryview, *, comments: bool = False, before: int = 0
+    ) -> None:
         self.path = path
         self._data, self._comments, self._before = data, comments, before
         values, bad = _core.read_numbers(data, comments)
@@ -120,11 +123,12 @@ class NumberText:
 
     @cached_property
     def _text_lines(self) -> list[bytes]:
-        return self._data.split(b"\n")
+        return bytes(self._data).split(b"\n")
 
     def _not_a_number(self, byte: int) -> DatasetError:
-        word = cast(re.Match[bytes], _WORD.search(self._data, byte))[0]
-        line = self._data.count(b"\n", 0, byte) + 1 + self._before
+        data = bytes(self._data)
+        word = cast(re.Match[bytes], _WORD.search(data, byte))[0]
+        line = data.count(b"\n", 0, byte) + 1 + self._before
         return DatasetError(self.path, f"{_quoted(word)} is not a finite number", line)
 
 
@@ -249,8 +253,8 @@ def _integer_fault(what: str, number: str, lowest: int, highest: int) -> str:
 def _texts(path: Path) -> Iterator[NumberText]:
     before = 0
     for piece in read_pieces(path):
-        yield NumberText(path, piece, before=before)
-        before += piece.count(b"\n")
+        yield NumberText(path, piece.data, before=before)
+        before += int(np.count_nonzero(piece == _LINE_END))
 
 
 def _quoted(word: bytes) -> str:

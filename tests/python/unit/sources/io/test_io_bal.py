@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from io_helpers import PROPERTY, assert_same_problem, cost, no_warnings, random_problem, refusal
 from sfmcpp import DatasetError, Problem
-from sfmcpp.sources.io import files, read, write
+from sfmcpp.sources.io import read, text_pieces, write
 
 # Two cameras, two points, three observations on lines 2 to 4; cameras on 5 to 22, points on 23 to 28.
 HEADER = ["2 2 3"]
@@ -145,8 +145,8 @@ def test_pieces_of_the_text_change_nothing(
     write(problem, tmp_path / "x.txt")
     whole = read(tmp_path / "x.txt")
     errors = [(changed, refusal(bal_file(tmp_path, **changed))) for changed, *_ in DAMAGE]
-    monkeypatch.setattr(files, "_PIECE_BYTES", size)
-    monkeypatch.setattr(files, "_CHUNK_BYTES", 1 + size // 3)
+    monkeypatch.setattr(text_pieces, "_PIECE_BYTES", size)
+    monkeypatch.setattr(text_pieces, "_CHUNK_BYTES", 1 + size // 3)
     assert_same_problem(read(tmp_path / "x.txt"), whole)
     for changed, error in errors:
         assert str(refusal(bal_file(tmp_path, **changed))) == str(error)

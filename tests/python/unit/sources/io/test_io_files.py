@@ -199,10 +199,10 @@ def test_failures_of_the_system_name_the_file(
 ) -> None:
     write(problem, tmp_path / "x.txt")
 
-    def denied(self: Path) -> bytes:
+    def denied(self: Path, *_: object, **__: object) -> bytes:
         raise PermissionError(13, "Permission denied", str(self))
 
-    monkeypatch.setattr(Path, "read_bytes", denied)
+    monkeypatch.setattr(Path, "open", denied)
     with pytest.raises(DatasetError, match=r"x\.txt: permission denied"):
         read(tmp_path / "x.txt")
 
