@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -33,13 +35,17 @@ from sfmcpp.sources.vision import CORNERS, Frames, KltSettings, follow_features,
 from sfmcpp.sources.vision.images import GreyImage
 from sfmcpp.sources.vision.masks import told_of_no_mask
 
+T = TypeVar("T")
+
 _TRUTH = "poses.txt"
+# Images looked at while the caller works on one.
+_AHEAD = 2
 
 CameraArgument = str | PathLike[str] | Sequence[float] | None
 
 
 class ImageStream(FrameSource):
-    """Frames of a camera; images are read and corners tracked lazily.
+    """Frames of a camera; images are read and corners tracked while the caller works on the frame before.
 
     Parameters
     ----------
@@ -76,6 +82,8 @@ class ImageStream(FrameSource):
         self.first_pixel_px = 0.0  # as OpenCV and its calibrations have it
         self.seconds: float = 0.0
         self.repeated: list[int] = []
+        self._unreadable: Mapping[str, str] = {}
+        self._right_use: RightUse | None = None if right is None else right.use
 
     def identity(self) -> dict[str, Any]:
         """Camera, times, and how corners are followed; the same whether or not images have been read."""
@@ -101,54 +109,90 @@ class ImageStream(FrameSource):
             return first_s, first_s
 
     def __iter__(self) -> Iterator[Frame]:
-        self.num_tracks, self.seconds = 0, 0.0
-        numbers: list[int] = []
-        self.repeated = []
-        stream = self._views(numbers)
-        while (seen := self._timed_next(stream)) is not None:
-            self.num_tracks = max(self.num_tracks, int(seen.tracks.max(initial=-1)) + 1)
-            yield Frame(numbers[-1], self._time_of(numbers[-1]), seen)
-        self._count, self._last = len(numbers), max(numbers, default=self._last)
-        self.shortfall = self._images.shortfall
+        self.num_tracks, self.seconds, self.repeated, self._unreadable = 0, 0.0, [], {}
+        count, last = 0, self._last
+        for seen in _taken_ahead(self._looked_at(), _AHEAD):
+            self._note(seen)
+            count, last = count + 1, seen.number
+            yield Frame(seen.number, self._time_of(seen.number), seen.view)
+        self._count, self._last = count, last
+        self._unreadable, self.shortfall = self._images.unreadable, self._images.shortfall
 
-    def _views(self, numbers: list[int]) -> Iterator[View]:
-        """What each image sees; its number is appended to `numbers`."""
+    def _looked_at(self) -> Iterator[_Seen]:
+        """What each image shows. In a thread of its own: nothing is told but by what it gives."""
+        numbers: list[int] = []
         latest: list[GreyImage] = []
+        repeats = False
 
         def images() -> Iterator[GreyImage]:
+            nonlocal repeats
             for number, image in self._images.numbered():
-                numbers.append(number)
-                if latest and np.array_equal(image, latest[0]):
-                    self.repeated.append(number)
-                latest[:] = [image]
-                self.image_size = image.shape[1], image.shape[0]
+                repeats = bool(latest) and np.array_equal(image, latest[0])
+                numbers[:], latest[:] = [number], [image]
                 yield image
 
-        if self._right is not None:
-            self._right.begin()
+        right = self._right
+        if right is not None:
+            right.begin()
+        started = time.perf_counter()
         for view in follow_features(images(), self._settings, self._mask):
-            yield view if self._right is None else self._right.beside(numbers[-1], latest[0], view)
+            both = view if right is None else right.beside(numbers[0], latest[0], view)
+            yield _Seen(
+                numbers[0],
+                both,
+                latest[0].shape,
+                repeats,
+                time.perf_counter() - started,
+                dict(self._images.unreadable),
+                None if right is None else right.use,
+            )
+            started = time.perf_counter()
+
+    def _note(self, seen: _Seen) -> None:
+        self.num_tracks = max(self.num_tracks, int(seen.view.tracks.max(initial=-1)) + 1)
+        self.seconds += seen.seconds
+        self.image_size = seen.shape[1], seen.shape[0]
+        self.repeated += [seen.number] * seen.repeats
+        self._unreadable, self._right_use = seen.unreadable, seen.right_use
 
     @property
     def unreadable(self) -> Mapping[str, str]:
         """Reason for each image left out so far because it cannot be read, by its name."""
-        return self._images.unreadable
+        return self._unreadable
 
     @property
     def right_use(self) -> RightUse | None:  # type: ignore[override]
         """As of :class:`FrameSource`."""
-        return None if self._right is None else self._right.use
+        return self._right_use
 
     @property
     def right_doubts(self) -> Sequence[str]:  # type: ignore[override]
         """As of :class:`FrameSource`."""
         return () if self._right is None else self._right.doubts
 
-    def _timed_next(self, stream: Iterator[View]) -> View | None:
-        started = time.perf_counter()
-        features = next(stream, None)
-        self.seconds += time.perf_counter() - started
-        return features
+
+class _Seen(NamedTuple):
+    """An image that has been looked at: what it shows, and what is known by then."""
+
+    number: int
+    view: View
+    shape: tuple[int, int]
+    repeats: bool  # the image before, to the last bit
+    seconds: float
+    unreadable: Mapping[str, str]
+    right_use: RightUse | None
+
+
+def _taken_ahead(items: Iterator[T], count: int) -> Iterator[T]:
+    """The same items; the next `count` are made in another thread while the caller works on one.
+
+    Who stops early waits for these, so that as many have been made however long they take.
+    """
+    with ThreadPoolExecutor(1) as thread:
+        waiting = deque(thread.submit(next, items, None) for _ in range(count))
+        while (item := waiting.popleft().result()) is not None:
+            waiting.append(thread.submit(next, items, None))
+            yield item
 
 
 def open_images(

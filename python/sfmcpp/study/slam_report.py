@@ -172,7 +172,7 @@ class SlamReport(ReportTable):
             yield "real time", f"{run.real_time_factor:.3g} times as fast as {drive}"
         if frames.seconds is not None:
             each = 1e3 * frames.seconds / max(run.frames, 1)
-            text = f"{frames.seconds:.3f} s of these for images and corners, {each:.3g} ms per image"
+            text = f"{frames.seconds:.3f} s for images and corners meanwhile, {each:.3g} ms per image"
             yield "images", text
         if frames.right_use is not None:
             used, corners = frames.right_use

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from sfmcpp import slam
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.cameras import find_camera, read_intrinsics
 from sfmcpp.sources.drives import open_drive
-from sfmcpp.sources.image_stream import ImageStream, open_images
+from sfmcpp.sources.image_stream import ImageStream, _taken_ahead, open_images
 from sfmcpp.sources.vision import Frames, KltSettings, follow_features, open_frames
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
@@ -50,12 +51,12 @@ def test_frames_see_the_tracks_of_all_images_read_one_after_the_other(tmp_path: 
     assert stream.seconds > 0
 
 
-def test_an_image_is_read_when_its_frame_is_asked_for_and_a_bad_one_is_left_out(tmp_path: Path) -> None:
+def test_a_bad_image_is_left_out_and_known_once_its_turn_has_come(tmp_path: Path) -> None:
     images = write_images(tmp_path / "images", 5)
+    (images / "2.png").write_text("no picture")
     stream, _ = open_images(images, CAMERA, fps=10.0)
     frames = iter(stream)
     next(frames)
-    (images / "2.png").write_text("no picture")
     assert next(frames).number == 1
     assert stream.unreadable == {}
     after = next(frames)
@@ -65,6 +66,34 @@ def test_an_image_is_read_when_its_frame_is_asked_for_and_a_bad_one_is_left_out(
     assert next(frames, None) is None
     assert stream.unreadable == {"2.png": "is no image that can be decoded (10 bytes)"}
     assert len(stream) == 4
+
+
+def test_the_next_images_are_looked_at_while_the_caller_works_on_one() -> None:
+    made: list[int] = []
+
+    def images() -> Iterator[int]:
+        for number in range(10):
+            made.append(threading.get_ident())
+            yield number
+
+    ahead = _taken_ahead(images(), 2)
+    assert [next(ahead), next(ahead)] == [0, 1]
+    ahead.close()  # type: ignore[attr-defined]
+    assert len(made) == 4  # however long they take
+    assert set(made) != {threading.get_ident()}
+    assert list(_taken_ahead(images(), 2)) == list(range(10))
+    assert list(_taken_ahead(iter(()), 2)) == []
+
+
+def test_an_error_comes_where_its_image_would() -> None:
+    def images() -> Iterator[int]:
+        yield from (1, 2)
+        raise DatasetError(Path("x.png"), "no picture")
+
+    ahead = _taken_ahead(images(), 5)
+    assert [next(ahead), next(ahead)] == [1, 2]
+    with pytest.raises(DatasetError, match="no picture"):
+        next(ahead)
 
 
 def test_images_that_are_left_out_change_neither_what_frames_are_nor_when_they_end(

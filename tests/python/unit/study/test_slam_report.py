@@ -70,7 +70,7 @@ def test_a_run_is_compared_with_the_time_of_the_drive() -> None:
 
 def test_the_time_of_the_images_is_told_where_there_are_images() -> None:
     assert "images" not in measured().table().replace("the images", "")
-    told = "images          0.500 s of these for images and corners, 125 ms per image"
+    told = "images          0.500 s for images and corners meanwhile, 125 ms per image"
     assert told in measured(0.5).table()
 
 
