@@ -19,6 +19,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import compare
@@ -38,7 +39,8 @@ class Line:
     Attributes
     ----------
     ratios, is_limit, memory_ratios : dict
-        By the name of the peer; lower limits where it never came to 1e-3.
+        By the name of the peer; lower limits where it never came to 1e-3: its solvers ran so much longer at
+        least, until they were stopped or stopped by themselves.
     by_solver : dict
         Seconds to 1e-3 of each solver of each peer; None where it never came there.
     """
@@ -118,14 +120,14 @@ def line_of(path: Path) -> Line | None:
     own = best.pop("sfmcpp", None)
     if own is None or own["seconds_to_median"][TARGET] is None:
         return None
-    limit = document["stopping_rule"]["max_seconds"]
     seconds = {peer: row["seconds_to_median"][TARGET] for peer, row in best.items()}
+    limits = seconds_run(document)
     own_seconds = own["seconds_to_median"][TARGET]
     return Line(
         name=path.stem,
         heading=document["input"],
         seconds=own_seconds,
-        ratios={peer: (limit if s is None else s) / own_seconds for peer, s in seconds.items()},
+        ratios={peer: (limits[peer] if s is None else s) / own_seconds for peer, s in seconds.items()},
         is_limit={peer: s is None for peer, s in seconds.items()},
         megabytes=own["above_inputs"] / MEGABYTE,
         memory_ratios={
@@ -135,6 +137,16 @@ def line_of(path: Path) -> Line | None:
         },
         by_solver={row["title"]: row["seconds_to_median"][TARGET] for row in document["rows"]},
     )
+
+
+def seconds_run(document: dict[str, Any]) -> dict[str, float]:
+    """How long runs of each peer were: of its solvers the one that stopped first, in the median."""
+    peers = {row["title"]: row["peer"] for row in document["rows"]}
+    runs: dict[str, list[float]] = {}
+    for run in document["runs"]:
+        runs.setdefault(run["title"], []).append(run["seconds_total"])
+    medians = [(peers[title], median(seconds)) for title, seconds in runs.items()]
+    return {peer: min(seconds for other, seconds in medians if other == peer) for peer, _ in medians}
 
 
 def markdown(lines: Sequence[Line]) -> str:
