@@ -22,6 +22,7 @@ import pytest
 from mpi4py import MPI
 
 import sfmcpp
+from failing_ranks import Failing
 from sfmcpp.ba.partition import partition_points
 from sfmcpp.ba.parts import Part, part_of
 from sfmcpp.ba.ranks import Ranks
@@ -333,28 +334,6 @@ def failing_after(count: int) -> Callable[..., Any]:
         return atomic_files(*paths)
 
     return written
-
-
-class Failing:
-    """A communicator whose collectives fail from one on."""
-
-    def __init__(self, successes: int, failure: BaseException | None) -> None:
-        self.left, self.failure = successes, failure
-
-    def __getattr__(self, name: str) -> Any:
-        call = getattr(COMM, name)
-        if name not in ("Iallgather", "Ialltoall", "Ialltoallv", "allgather", "bcast", "send", "recv"):
-            return call
-
-        def counted(*arguments: Any, **named: Any) -> Any:
-            self.left -= 1
-            if self.left >= 0:
-                return call(*arguments, **named)
-            if self.failure is not None:
-                raise self.failure
-            os.kill(os.getpid(), signal.SIGKILL)
-
-        return counted
 
 
 def fault(kind: str, rank: int, successes: int) -> None:
