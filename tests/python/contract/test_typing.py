@@ -48,7 +48,7 @@ WRONG = 'sfmcpp.ConstraintGroup("position", object(), None, sigma="much", weight
 def checked(program: str, folder: Path) -> str:
     path = folder / "program.py"
     path.write_text(program, encoding="utf-8")
-    # As users have it, installed: of the files there mypy reads what they declare, and no bodies of functions.
+    # As users have it, installed: of files there mypy reads what they declare, and no bodies of functions.
     cache = REPOSITORY / ".mypy_cache/users"  # beside that of the package, which may be in use
     flags = ("--strict", "--no-error-summary", f"--cache-dir={cache}")
     command = [sys.executable, "-m", "mypy", *flags, str(path)]
