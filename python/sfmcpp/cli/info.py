@@ -156,9 +156,12 @@ def _head_of(source: Path) -> bytes:
 
 
 def _folder(source: Path) -> list[Fact]:
-    """A model; where there is none the reason says what else a folder may be."""
+    """A model, or tracks; where there is none the reason says what else a folder may be."""
+    from sfmcpp.sources.io.image_tracks import is_malaga_folder
     from sfmcpp.sources.vision.images import where_images_are
 
+    if is_malaga_folder(source):
+        return list(file_facts.of_image_tracks(source))
     try:
         return list(file_facts.of_problem(source))
     except DatasetError as error:

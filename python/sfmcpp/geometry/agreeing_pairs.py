@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import combinations
 from math import comb
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry.significance import SIGMA_OF_MEDIAN, students_limit
-from sfmcpp.geometry.similarity import fit_similarity
+from sfmcpp.geometry.similarity import SAME_PLACE, THINNEST_EXTENT, fit_similarity
+from sfmcpp.geometry.so3 import nearest_rotation
 from sfmcpp.model.arguments import checked
 from sfmcpp.model.arrays import BoolArray, FloatArray
 
 _MAX_SAMPLES = 1000
 _REFITS = 5
+# Distances that are kept at a time, eight bytes each and several times over.
+_MOST_DISTANCES = 500_000
 # Scale from the least median: P. Rousseeuw and A. Leroy, "Robust Regression and Outlier Detection" (1987).
 _INLIER_SIGMAS = 2.5
 # Of so few pairs, the median distance is that of a fit to three: the best of ten says nothing of the others.
@@ -53,10 +56,13 @@ def agreeing_pairs(
     if len(source) < _FEW:
         return everything
     best, least = everything, np.inf
-    for rows in _samples(len(source), seed):
-        distances = _distances(source, target, list(rows), with_scale)
-        if distances is not None and (median := float(np.median(distances))) < least:
-            best, least = _inlier_mask(distances, target), median
+    samples = _samples(len(source), seed)
+    for some in np.array_split(samples, -(-len(samples) * len(source) // _MOST_DISTANCES)):
+        of_samples = _distances_under_samples(source, target, some, with_scale)
+        medians = np.median(of_samples, axis=1)
+        first = int(np.argmin(medians))
+        if medians[first] < least:
+            best, least = _inlier_mask(of_samples[first], target), float(medians[first])
     for _ in range(_REFITS):
         distances = _distances(source, target, np.flatnonzero(best).tolist(), with_scale)
         if distances is None or np.array_equal(closer := _inlier_mask(distances, target), best):
@@ -81,13 +87,44 @@ def _likely_of_few(source: FloatArray, target: FloatArray, best: BoolArray, with
     return best
 
 
-def _samples(count: int, seed: int) -> Iterator[tuple[int, ...]]:
+def _samples(count: int, seed: int) -> NDArray[np.intp]:
+    """Rows (s, 3) of the pairs of each sample."""
     if comb(count, 3) <= _MAX_SAMPLES:
-        yield from combinations(range(count), 3)
-        return
+        return np.array(list(combinations(range(count), 3)))
     rng = np.random.default_rng(seed)
-    for _ in range(_MAX_SAMPLES):
-        yield tuple(rng.choice(count, 3, replace=False).tolist())
+    return np.stack([rng.choice(count, 3, replace=False) for _ in range(_MAX_SAMPLES)])
+
+
+def _distances_under_samples(
+    source: FloatArray, target: FloatArray, rows: NDArray[np.intp], with_scale: bool
+) -> FloatArray:
+    """Distances (s, n) of all pairs under the fit to each sample; infinite where it does not determine one.
+
+    :func:`fit_similarity` of all samples at once: one by one they take fifty times as long.
+    """
+    x, y = source[rows], target[rows]
+    means = x.mean(axis=1), y.mean(axis=1)
+    x, y = x - means[0][:, None], y - means[1][:, None]
+    determined = _spans_plane(x, means[0]) & _spans_plane(y, means[1])
+    covariance = np.swapaxes(y, 1, 2) @ x
+    rotation = nearest_rotation(covariance)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        scale = (rotation * covariance).sum(axis=(1, 2)) / (x * x).sum(axis=(1, 2))
+        scale = scale if with_scale else np.ones(len(rows))
+        determined &= scale > 0
+        linear = scale[:, None, None] * rotation
+        translation = means[1] - np.einsum("sij,sj->si", linear, means[0])
+        moved = source @ np.swapaxes(linear, 1, 2) + translation[:, None]
+        distances = np.linalg.norm(moved - target, axis=2)
+    return np.where(determined[:, None] & (distances < np.inf), distances, np.inf)
+
+
+def _spans_plane(centred: FloatArray, means: FloatArray) -> BoolArray:
+    """Whether each three points (s, 3, 3) about their means (s, 3) are off a line and at different places."""
+    extents = np.linalg.svd(centred, compute_uv=False)
+    spread = np.sqrt((extents**2).mean(axis=1))
+    there = spread > SAME_PLACE * np.linalg.norm(means, axis=1)
+    return np.asarray((extents[:, 1] > THINNEST_EXTENT * extents[:, 0]) & there)
 
 
 def _distances(

@@ -23,7 +23,7 @@ from sfmcpp.model.checks import require_positive, require_rotation
 # Thinnest extent relative to the longest one that is more than rounding.
 THINNEST_EXTENT = 1e-7
 # Positions that differ by no more than this share of their distance from the origin differ by rounding.
-_SAME_PLACE = 1e-12
+SAME_PLACE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +287,7 @@ def _require_movement(moments: PointMoments) -> None:
         ("source", moments.source_mean, moments.source_variance),
         ("target", moments.target_mean, moments.target_variance),
     ):
-        if not np.sqrt(variance) > _SAME_PLACE * np.linalg.norm(mean):
+        if not np.sqrt(variance) > SAME_PLACE * np.linalg.norm(mean):
             raise InvalidArgument(f"{name}: all positions are the same, must differ")
 
 

@@ -28,6 +28,7 @@ from sfmcpp.model import Problem, ResidualGroup
 from sfmcpp.model.arrays import BoolArray, FloatArray, IndexArray
 from sfmcpp.model.checks import require_positive, require_seed
 from sfmcpp.model.metadata import WorldOrigin
+from sfmcpp.sensors.geocentric import doubt_of_geocentric
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.fit_statistics import cost_variance, linear_model
 from sfmcpp.sfm.georeference import image_names, require_movable
@@ -351,6 +352,8 @@ def _outcome(problem: Problem, survey: _Survey, numbers: IndexArray, model: Line
     found.warnings.extend(_warnings(found, leverage))
     if survey.origin.geodetic:
         found.warnings.extend(doubt_of_radians(survey.origin.place, survey.metres))
+    else:
+        found.warnings.extend(doubt_of_geocentric(survey.metres + survey.origin.place))
     return found
 
 

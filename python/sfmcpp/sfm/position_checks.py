@@ -19,6 +19,7 @@ from sfmcpp.geometry.significance import students_limit
 from sfmcpp.geometry.similarity import motions_of_positions
 from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.photos import natural_order
+from sfmcpp.sensors.geocentric import doubt_of_geocentric
 from sfmcpp.sensors.gps import doubt_of_radians
 from sfmcpp.sfm.positions import Positions
 from sfmcpp.sfm.rounded_positions import doubt_of_rounding
@@ -327,6 +328,7 @@ def warnings_of_all(
     else:
         warnings += turn_warning(centres, turns, sigma_m)
     warnings += doubt_of_rounding(positions)
+    warnings += [] if positions.geodetic else doubt_of_geocentric(metres + positions.origin)
     if turns[0] <= OPEN_DEG and (swapped := evidence_of_swapped_axes(poses, centres, metres, seed=seed)):
         warnings.append(f"{_SWAPPED[positions.geodetic]}: {swapped}")
     if shifted := _evidence_in_any_order(centres, metres, names, seed):

@@ -19,6 +19,7 @@ from sfmcpp.model.checks import require_at_most, require_positive, require_share
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.model.named_fields import meant
 from sfmcpp.sensors import Mounting, local_positions
+from sfmcpp.sensors.geocentric import doubt_of_geocentric
 from sfmcpp.sensors.gps import doubt_of_radians, middle_of, require_metres
 from sfmcpp.slam.frame_run import Listener, ends_run, run_slam
 from sfmcpp.slam.measurement import MotionSensor
@@ -239,8 +240,13 @@ def _doubt_of_right_images(frames: FrameSource, result: SlamResult) -> Iterator[
 def doubts_of_units(sensors: Sequence[MotionSensor]) -> Iterator[str]:
     """Warn of sensors whose numbers seem to be in another unit."""
     for sensor in sensors:
-        if isinstance(sensor, Gps) and sensor.origin is not None and sensor.origin.geodetic:
+        if not isinstance(sensor, Gps):
+            continue
+        if sensor.origin is not None and sensor.origin.geodetic:
             yield from doubt_of_radians(sensor.origin.place, sensor.stream.values)
+        else:
+            origin_m = 0.0 if sensor.origin is None else sensor.origin.place
+            yield from doubt_of_geocentric(sensor.stream.values + origin_m)
 
 
 def _losses(frames: FrameSource) -> Iterator[str]:

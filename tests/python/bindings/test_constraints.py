@@ -89,7 +89,7 @@ def robust_errors(problem: Problem, group: ConstraintGroup) -> Array:
 @pytest.mark.parametrize("loss", RHO)
 def test_minimum_equals_that_of_scipy(loss: str) -> None:
     truth = sfmcpp.circle_scene(6, 30, camera_model="calibrated", seed=1)
-    problem = scene("calibrated")
+    problem = scene("calibrated").with_points(np.arange(12))  # SciPy differentiates by each unknown
     rng = np.random.default_rng(8)
     moved_by = np.linalg.norm(truth.centres[PAIRS[:, 1]] - truth.centres[PAIRS[:, 0]], axis=1)
     groups = [

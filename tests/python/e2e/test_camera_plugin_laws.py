@@ -18,7 +18,8 @@ def run(*command: str | Path) -> subprocess.CompletedProcess[str]:
 def configured(tmp_path: Path, plugin: Path) -> Path:
     if shutil.which("cmake") is None or shutil.which("ninja") is None:
         pytest.skip("no cmake or no ninja")
-    settings = ("-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_UNITY_BUILD=ON", f"-DSFMCPP_CAMERA_PLUGIN={plugin}")
+    debug = ("-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_CXX_FLAGS_DEBUG=-O0")  # with assertions, for no debugger
+    settings = (*debug, "-DCMAKE_UNITY_BUILD=ON", f"-DSFMCPP_CAMERA_PLUGIN={plugin}")
     result = run("cmake", "-S", EXAMPLE, "-B", tmp_path, "-G", "Ninja", *settings)
     if "GTest" in result.stderr:
         pytest.skip("no GoogleTest")

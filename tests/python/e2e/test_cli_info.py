@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import sfmcpp
 from cli_helpers import is_one_error_line, noisy_circle, run_here
@@ -42,6 +43,15 @@ def test_every_format_that_is_read_is_told_with_its_size(tmp_path: Path, format:
     assert found["cameras"].startswith(f"{read.num_cameras}, camera model {read.camera_model}")
     assert found["points"] == str(read.num_points)
     assert found["observations"].partition(":")[0] == str(read.num_observations)
+
+
+def test_tracks_in_a_matlab_file_for_each_image_are_told(tmp_path: Path) -> None:
+    for image, points in ((1, [1, 2, 5]), (2, [2, 5])):
+        rows = [[0.0] * 6, *([point, 10.0 * point, 5.0, 0.0, 0.0, 0.0] for point in points)]
+        savemat(tmp_path / f"Image{image}.mat", {"Image": np.array(rows)})
+    found = facts(tmp_path)
+    assert found["format"] == "tracks of uncalibrated images"
+    assert (found["images"], found["tracks"], found["observations"]) == ("2", "3", "5")
 
 
 def test_shared_and_free_intrinsics_world_rigs_and_masks_are_told(tmp_path: Path) -> None:

@@ -27,7 +27,9 @@ _ALIASES |= dict.fromkeys(("kmh", "kph", "kmph"), "km/h") | {"mps": "m/s", "mi/h
 _ALIASES |= dict.fromkeys(("knot", "knots", "kt", "kts"), "kn") | {"dps": "deg/s", "rps": "rad/s"}
 # Ends and beginnings of units that are written in several ways.
 _SPELLINGS = ((" s^-1", "/s"), ("/sec", "/s"), ("degrees/", "deg/"), ("\u00b0/", "deg/"), (" ", ""))
-_SEPARATORS = "\t;"
+_SEPARATORS = "\t;|"
+# What Excel asks for, where commas are decimal, above the header.
+_SEPARATOR_TOLD = re.compile(r'"?sep=[\t;,|]?"?', re.IGNORECASE)
 BLANK = " "
 _LONGEST_HEADER = 500
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
@@ -54,6 +56,8 @@ def unit_factor(header: str, unit: str, units: dict[str, float]) -> float:
 def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Lines that are not empty, with their numbers from 1; UTF-8, with or without a byte order mark.
 
+    A first line ``sep=;``, of Excel, is left out: the header shows what separates.
+
     Raises
     ------
     DatasetError
@@ -65,7 +69,8 @@ def numbered_lines(path: Path) -> Iterator[tuple[int, str]]:
             text = read_text_bytes(path).decode()
         except UnicodeDecodeError as error:
             raise DatasetError(path, f"is no UTF-8 text ({error.reason} at byte {error.start})") from error
-    return ((number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip())
+    told = _SEPARATOR_TOLD.fullmatch(text.split("\n", 1)[0][:_LONGEST_HEADER].strip()) is not None
+    return ((k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and k > told)
 
 
 def finite_number(
@@ -96,7 +101,7 @@ def match_of_header(pattern: re.Pattern[str], header: str) -> re.Match[str] | No
 
 
 def separator_of(header: str) -> str:
-    """Separator of the cells below a header: tabs or semicolons if it has any, else commas."""
+    """Separator of the cells below a header: tabs, semicolons or bars if it has any, else commas."""
     return next((separator for separator in _SEPARATORS if separator in header), ",")
 
 

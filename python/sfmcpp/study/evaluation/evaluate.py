@@ -11,6 +11,7 @@ from sfmcpp.model.arrays import FloatArray
 from sfmcpp.study.evaluation.align import Alignment, AlignmentRule, align
 from sfmcpp.study.evaluation.associate import associate, warning_of_few
 from sfmcpp.study.evaluation.metrics import Errors, Statistics, ape, mean_3d_error, rpe, scale_ratios
+from sfmcpp.study.evaluation.turned import warning_of_turned
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -32,7 +33,8 @@ class Evaluation:
     rpe_delta : tuple of float and str
         Over what the relative errors are, such as ``(1.0, "frames")``.
     warning : str
-        Warning where most poses have no partner; empty otherwise. The alignment has its own.
+        Warning where most poses have no partner, or orientations are of another body or were misread; empty
+        otherwise. The alignment has its own.
     """
 
     estimate: Trajectory
@@ -115,6 +117,10 @@ def evaluate(
     pairs = associate(estimate, truth, match, max_difference_s)
     aligned, alignment = align(pairs, rule, with_scale, align_by)
     ours, true = aligned.poses, pairs.truth.poses
+    warnings = (
+        warning_of_few(estimate, truth, len(pairs), match),
+        warning_of_turned(pairs.estimate.rotations, aligned.rotations, pairs.truth.rotations),
+    )
     return Evaluation(
         aligned,
         pairs.truth,
@@ -124,7 +130,7 @@ def evaluate(
         ape(ours, true),
         rpe(ours, true, delta, delta_unit, all_pairs),
         (float(delta), delta_unit),
-        warning_of_few(estimate, truth, len(pairs), match),
+        "; ".join(filter(None, warnings)),
     )
 
 

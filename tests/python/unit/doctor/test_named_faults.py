@@ -18,8 +18,8 @@ from sfmcpp.geometry import so3
 
 MODELS = ("calibrated", "perspective", "bal")
 # Cameras, points and seed of a scene.
-TUNED = {"circle": (20, 300, 0), "photo-collection": (40, 1500, 1)}
-KEPT_APART = {"sphere": (18, 250, 31), "city-blocks": (60, 2000, 33)}
+TUNED = {"circle": (20, 150, 0), "photo-collection": (40, 1500, 1)}
+KEPT_APART = {"sphere": (18, 130, 31), "city-blocks": (40, 1200, 33)}
 REAL = ("sba_demo/9camsvarK.txt", "kitti_vo/Balbianello.out")
 NEEDED = 27 / 30
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+from itertools import combinations
+
 import numpy as np
 import pytest
 
-from sfmcpp.geometry import Similarity, agreeing_pairs, so3
+from sfmcpp.errors import InvalidArgument
+from sfmcpp.geometry import Similarity, agreeing_pairs, fit_similarity, so3
+from sfmcpp.geometry.agreeing_pairs import _distances_under_samples
 from sfmcpp.model.arrays import FloatArray
 
 MOVE = Similarity(2.5, so3.exp(np.array([0.3, -1.1, 0.4])), np.array([4.0, -2.0, 9.0]))
@@ -68,3 +73,27 @@ def test_few_pairs_and_those_on_a_line_are_all_kept() -> None:
 def test_the_same_pairs_for_the_same_seed() -> None:
     source, target = pairs(60, 25, 0.2, 2)
     assert np.array_equal(agreeing_pairs(source, target, seed=4), agreeing_pairs(source, target, seed=4))
+
+
+@pytest.mark.parametrize("with_scale", [True, False])
+def test_fits_to_all_samples_at_once_are_those_of_each(with_scale: bool) -> None:
+    source, target = pairs(9, 2, 0.1, 5)
+    source[2] = 0.5 * (source[0] + source[1])  # on their line
+    target[4] = target[3]
+    rows = np.array(list(combinations(range(9), 3)))
+    found = _distances_under_samples(source, target, rows, with_scale)
+    for some, distances in zip(rows, found, strict=True):
+        try:
+            moved = fit_similarity(source[some], target[some], with_scale=with_scale).apply(source)
+        except InvalidArgument:
+            assert np.isinf(distances).all()
+        else:
+            np.testing.assert_allclose(distances, np.linalg.norm(moved - target, axis=1), rtol=1e-9)
+    assert 0 < np.isinf(found).any(axis=1).sum() < 10
+
+
+def test_pairs_too_many_for_all_samples_at_once_are_taken_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    source, target = pairs(40, 15, 0.1, 6)
+    at_once = agreeing_pairs(source, target)
+    monkeypatch.setattr(sys.modules[agreeing_pairs.__module__], "_MOST_DISTANCES", 999)
+    assert np.array_equal(agreeing_pairs(source, target), at_once)

@@ -95,6 +95,8 @@ def test_columns_of_other_names_are_left_out_and_other_separators_read(tmp_path:
         ("t [s];speed [m/s]", "0;1.5", "0.5;2.5"),
         ("t [s];speed [m/s];state", "0;1,5;on, or so", "0,5;2,5;off"),
         ("t [s]\tspeed [m/s]", "0\t1.5", "0.5\t2.5"),
+        (" t [s] | speed [m/s]", " 0 | 1.5", " 0.5 | 2.5"),
+        ("sep=;", "t [s];speed [m/s]", "0;1,5", "0,5;2,5"),
     ):
         stream = read_sensor_csv(write(tmp_path, header, *lines))["speed"]
         np.testing.assert_array_equal(stream.t_s, plain.t_s)

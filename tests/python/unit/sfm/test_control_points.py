@@ -12,6 +12,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.geometry import Similarity, agreeing_pairs
 from sfmcpp.model.metadata import WorldOrigin
 from sfmcpp.sensors import geodetic_of
+from sfmcpp.sensors.gps import earth_centred
 from sfmcpp.sfm import fit_control_points
 from sfmcpp.sources.io.control_points import ControlPoints, Mark
 
@@ -88,6 +89,15 @@ def test_a_survey_in_latitudes_gives_the_same_distances() -> None:
         np.linalg.norm(truth.centres - truth.centres[0], axis=1),
         atol=5 * SIGMA_M,
     )
+
+
+def test_a_geocentric_survey_is_doubted() -> None:
+    _, model, control = scene()
+    places = earth_centred(geodetic_of(np.array(control.positions) - UTM, [48.1, 11.5, 520.0]))
+    found = fit_control_points(model, replace(control, positions=[tuple(row) for row in places.tolist()]))
+    assert any("(geocentric, ECEF)" in warning for warning in found.outcome.warnings)
+    found = fit_control_points(model, control)
+    assert not any("geocentric" in warning for warning in found.outcome.warnings)
 
 
 def test_a_survey_in_radians_is_doubted() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from sfmcpp.errors import InvalidArgument
 from sfmcpp.model import Problem
 from sfmcpp.model.photos import Photo
 from sfmcpp.sensors import geodetic_of
+from sfmcpp.sensors.gps import earth_centred
 from sfmcpp.sfm import georeference
 from sfmcpp.sfm.georeference import georeference_to
 from sfmcpp.sfm.position_checks import undecidable_positions, worst_deviation
@@ -80,6 +83,24 @@ def test_latitudes_in_radians_are_doubted(origin: list[float], as_radians: bool,
         w for w in warnings if "seem to be radians: as degrees they are a small place in the sea" in w
     ] == (warnings if is_doubted else [])
     assert bool(warnings) == is_doubted
+
+
+@pytest.mark.parametrize("origin", [[48.1, 11.5, 520.0], [-33.9, -70.6, 3000.0]])
+def test_geocentric_positions_are_told_with_their_latitude(origin: list[float]) -> None:
+    truth = strips()
+    gps = earth_centred(geodetic_of(truth.centres, origin))
+    (warning,) = georeference(in_a_frame_of_its_own(truth, 2), gps).outcome.warnings
+    told = re.search(r"are those of (\S+)°, (\S+)° from the centre of the Earth \(geocentric", warning)
+    assert told is not None
+    assert [float(number) for number in told.groups()] == pytest.approx(origin[:2], abs=1e-3)
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (500_000.0, 6_350_000.0, 400.0), (1e6, 2e6, -3e5)])
+def test_projected_positions_are_not_taken_for_geocentric(offset: tuple[float, float, float]) -> None:
+    """The second is as far from zero as the surface of the Earth from its centre."""
+    truth = strips()
+    warnings = georeference(in_a_frame_of_its_own(truth, 2), truth.centres + offset).outcome.warnings
+    assert warnings == []
 
 
 @pytest.mark.parametrize(("shift", "side"), [(1, "after"), (-1, "before")])

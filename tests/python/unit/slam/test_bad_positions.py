@@ -103,6 +103,13 @@ def test_latitudes_in_radians_are_doubted(as_radians: bool) -> None:
     assert ["as radians one at 49°" in doubt for doubt in doubts] == [True] * as_radians
 
 
+def test_geocentric_positions_are_doubted() -> None:
+    fixes = SensorStream(STEP_S * np.arange(3), np.add([4182e3, 850e3, 4724e3], np.eye(3)), "position")
+    local = SensorStream(fixes.t_s, fixes.values - fixes.values[0], "position")
+    (doubt,) = doubts_of_units([Gps(fixes), Gps(local)])
+    assert "from the centre of the Earth (geocentric, ECEF): z of the result points to the pole" in doubt
+
+
 def test_latitudes_beside_poses_of_another_world_are_refused() -> None:
     t_s = np.arange(4.0)
     poses = np.tile(np.eye(3, 4), (4, 1, 1))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -30,7 +29,7 @@ from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.sources.drives import Drive, tracks_of_kitti
 from sfmcpp.sources.io.kitti_mat import read_kitti_mat
 from slam_helpers import STEP_S
-from winding import AT_CAMERA, FRAMES, length, winding, without
+from winding import AT_CAMERA, FRAMES, length, sound_run, winding, without
 
 SEEDS = (0, 1)
 SHORT_GAPS = ((4.0, 4.07), (6.0, 6.07))
@@ -38,11 +37,6 @@ LONG_GAP = (3.0, 6.0)
 # A gap longer than is bridged touches every interval between keyframes.
 GAPS_EVERYWHERE = tuple((start, start + 0.2) for start in np.arange(-0.1, 11.0, 0.3))
 Spoiled = Callable[[SensorStream], SensorStream]
-
-
-@cache
-def alone(seed: int) -> SlamResult:
-    return run_slam(winding(seed=seed).sequence)
 
 
 def with_odometer(seed: int, stream: SensorStream) -> SlamResult:
@@ -71,7 +65,7 @@ def require_same_poses(one: SlamResult, other: SlamResult) -> None:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_short_gaps_are_bridged(seed: int) -> None:
     drive = winding(seed=seed)
-    gappy, whole = (with_gyro(seed, s) for s in (without(drive.gyro, *SHORT_GAPS), drive.gyro))
+    gappy, whole = with_gyro(seed, without(drive.gyro, *SHORT_GAPS)), sound_run("gyro", seed=seed)
     require_all_frames(gappy)
     assert all("gyro" in record.weights for record in gappy.records)
     assert drive.errors(gappy)[0] < 1.1 * drive.errors(whole)[0]
@@ -86,7 +80,7 @@ def test_a_long_gap_gives_no_constraint_and_costs_little(seed: int) -> None:
     touched = [start < LONG_GAP[1] and end > LONG_GAP[0] for start, end in intervals(result)]
     assert any(touched)
     assert ["gyro" not in record.weights for record in result.records] == touched
-    worse = max(drive.errors(other)[0] for other in (alone(seed), with_gyro(seed, drive.gyro)))
+    worse = max(drive.errors(other)[0] for other in (sound_run(seed=seed), sound_run("gyro", seed=seed)))
     assert drive.errors(result)[0] < 1.1 * worse
 
 
@@ -108,15 +102,14 @@ def test_a_sensor_that_covers_no_interval_changes_no_bit(seed: int) -> None:
     result = run_slam(drive.sequence, sensors=sensors)
     assert not result.metric
     assert all(record.weights == {} for record in result.records)
-    require_same_poses(result, alone(seed))
+    require_same_poses(result, sound_run(seed=seed))
 
 
 def test_a_rate_that_leaps_away_and_back_is_told_and_costs_nothing() -> None:
     drive = winding(seed=0)
     values = drive.gyro.values.copy()
     values[len(values) // 2] += [0.0, 3.0, 0.0]
-    sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
-    correct = run_slam(drive.sequence, sensors=sensors)
+    correct = sound_run("odometer", "gyro")
     spiked = Gyroscope(replace(drive.gyro, values=values), AT_CAMERA)
     result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer), spiked])
     assert [w for w in result.warnings if "1 of" in w and "leap away and back within a sample" in w]
@@ -146,27 +139,37 @@ def test_a_gyro_that_is_wrong_all_along_is_in_conflict_and_told(
     assert drive.errors(result)[0] < 0.02 * length(drive.truth)
 
 
-@pytest.mark.parametrize(("late_s", "told"), [(0.3, "ahead of"), (-0.6, "behind")])
+CLOCKS = [(0.3, "ahead of"), (-0.6, "behind")]
+
+
+def require_clock_set_right(result: SlamResult, seed: int, sensors: str, side: str) -> None:
+    pattern = rf"{sensors}: its clock is 0\.\d\d ± 0\.0\d s {side} the camera's: -?0\.\d\d s are added"
+    assert re.match(pattern, result.warnings[0])
+    require_all_frames(result)
+    drive = winding(seed=seed)
+    assert drive.errors(result)[0] < 1.5 * drive.errors(sound_run("odometer", "gyro", seed=seed))[0]
+
+
+@pytest.mark.parametrize(("late_s", "side"), CLOCKS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_clock_that_is_wrong_is_set_right_and_told(seed: int, late_s: float, told: str) -> None:
-    """The odometer, whose stamps are the gyroscope's, is moved with it; another one is not."""
+def test_a_clock_that_is_wrong_is_set_right_and_told(seed: int, late_s: float, side: str) -> None:
+    """The odometer, whose stamps are the gyroscope's, is moved with it."""
     drive = winding(seed=seed)
     late = [Odometer(drive.odometer.shifted(late_s)), Gyroscope(drive.gyro.shifted(late_s), AT_CAMERA)]
-    own = replace(drive.odometer, t_s=drive.odometer.t_s + 1e-4)
-    correct, both, one = (
-        run_slam(drive.sequence, sensors=sensors)
-        for sensors in (
-            [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)],
-            late,
-            [Odometer(own), late[1]],
-        )
-    )
-    pattern = rf"its clock is 0\.\d\d ± 0\.0\d s {told} the camera's: -?0\.\d\d s are added"
-    assert re.match(rf"odometer and gyro: {pattern}", both.warnings[0])
-    assert re.match(rf"gyro: {pattern}", one.warnings[0])
-    for mended in (both, one):
-        require_all_frames(mended)
-        assert drive.errors(mended)[0] < 1.5 * drive.errors(correct)[0]
+    require_clock_set_right(run_slam(drive.sequence, sensors=late), seed, "odometer and gyro", side)
+
+
+@pytest.mark.parametrize(("seed", "late_s", "side"), [(seed, *CLOCKS[seed]) for seed in SEEDS])
+def test_an_odometer_with_stamps_of_its_own_keeps_them(seed: int, late_s: float, side: str) -> None:
+    drive = winding(seed=seed)
+    own = Odometer(replace(drive.odometer, t_s=drive.odometer.t_s + 1e-4))
+    late = Gyroscope(drive.gyro.shifted(late_s), AT_CAMERA)
+    require_clock_set_right(run_slam(drive.sequence, sensors=[own, late]), seed, "gyro", side)
+
+
+def test_a_clock_is_not_set_where_weights_have_no_bounds() -> None:
+    drive = winding(seed=0)
+    late = [Odometer(drive.odometer.shifted(0.3)), Gyroscope(drive.gyro.shifted(0.3), AT_CAMERA)]
     plain = run_slam(drive.sequence, SlamSettings(weight_bounds="none"), late)
     assert not any("are added" in warning for warning in plain.warnings)
 
@@ -174,7 +177,7 @@ def test_a_clock_that_is_wrong_is_set_right_and_told(seed: int, late_s: float, t
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_gyro_that_is_right_agrees_and_nothing_is_told(seed: int) -> None:
     drive = winding(seed=seed)
-    result = with_gyro(seed, drive.gyro)
+    result = sound_run("gyro", seed=seed)
     assert np.median([record.conflicts["gyro"] for record in result.records]) < 1
     check = check_rotations(drive.gyro, AT_CAMERA, result.trajectory())
     assert check.is_determined
@@ -209,7 +212,7 @@ def test_the_clock_of_a_real_gyro_is_found_after_a_run_in_which_it_took_part(
 def test_measurements_fed_as_they_come_give_the_same_map() -> None:
     drive = winding(seed=0)
     whole = drive.odometer
-    known = run_slam(drive.sequence, sensors=[Odometer(whole)])
+    known = sound_run("odometer")
     first = replace(whole, t_s=whole.t_s[:1], values=whole.values[:1])
     online, taken = Slam(drive.sequence.intrinsics, sensors=[Odometer(first)]), 1
     for frame in drive.sequence:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from sfmcpp.model import Gap
-from sfmcpp.slam import Gyroscope, Odometer, SlamSettings, run_slam
+from sfmcpp.slam import Odometer, SlamSettings, run_slam
 from sfmcpp.slam.experience import KEYFRAMES_OF_SIGMA, Experience, informed
 from sfmcpp.slam.measurement import Measurement
 from sfmcpp.weighting import ConflictReport
-from winding import AT_CAMERA, winding
+from winding import sound_run, winding
 
 STEP = Gap(0.0, 1.0)
 
@@ -169,16 +169,14 @@ def test_a_run_estimates_what_is_not_declared_and_says_so() -> None:
 
 
 def test_correct_sensors_are_not_complained_of() -> None:
-    drive = winding()
-    sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
-    assert run_slam(drive.sequence, sensors=sensors).warnings == []
+    assert sound_run("odometer", "gyro").warnings == []
 
 
 def test_at_no_weight_the_map_is_that_of_the_images_but_for_its_unit() -> None:
     """The gauge does not depend on whether there is a sensor."""
     drive = winding()
     settings = SlamSettings(weights="fixed:0", correct_drift=False)
-    alone = run_slam(drive.sequence)
+    alone = sound_run()
     beside = run_slam(drive.sequence, settings, [Odometer(drive.odometer)])
     assert beside.metric
     assert drive.errors(beside) == pytest.approx(drive.errors(alone), rel=0.02)
@@ -187,8 +185,7 @@ def test_at_no_weight_the_map_is_that_of_the_images_but_for_its_unit() -> None:
 
 
 def test_distances_reach_the_keyframes_before_the_map_had_metres() -> None:
-    drive = winding()
-    result = run_slam(drive.sequence, sensors=[Odometer(drive.odometer)])
+    result = sound_run("odometer")
     assert result.world is not None
     unconstrained, *others = result.world.keyframes
     assert unconstrained.constraints == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from sfmcpp.model import Gap, SensorStream
 from sfmcpp.sensors import Mounting
 from sfmcpp.slam import (
     Gyroscope,
-    MotionSensor,
     Odometer,
     Slam,
     SlamResult,
@@ -24,7 +24,7 @@ from sfmcpp.slam import (
 from sfmcpp.slam.sensor_faults import faults_so_far
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.weighting.conflict import CONFLICT_SIGMAS
-from winding import AT_CAMERA, winding
+from winding import AT_CAMERA, sound_run, winding
 
 # The map takes its scale from the odometer in the five seconds before.
 LIE_S = (5.0, 8.8)
@@ -56,9 +56,8 @@ def during(result: SlamResult, name: str, what: str) -> list[float]:
 def test_an_odometer_that_leaps_is_carried_by_inertia_until_it_leaps_back(factor: float) -> None:
     drive = winding()
     wrong = Odometer(faulty(drive.odometer, factor))
-    alone, correct, disturbed = (
-        run_slam(drive.sequence, sensors=sensors) for sensors in ([], [Odometer(drive.odometer)], [wrong])
-    )
+    alone, correct = sound_run(), sound_run("odometer")
+    disturbed = run_slam(drive.sequence, sensors=[wrong])
     assert len(during(disturbed, "odometer", "weights")) >= 3
     assert min(during(disturbed, "odometer", "weights")) > 0
     # What inertia says is less certain.
@@ -89,11 +88,10 @@ def test_an_odometer_that_dies_is_named_and_left_out_from_then_on(since_s: float
     values = np.where(
         drive.odometer.t_s[:, None] < since_s, drive.odometer.values, rest if since_s > 0 else 0
     )
-    alone = run_slam(drive.sequence)
     dead = run_slam(drive.sequence, sensors=[Odometer(replace(drive.odometer, values=values))])
     assert "is it dead?" in " ".join(dead.warnings)
     assert "mounting" not in " ".join(dead.warnings).replace("clock, mounting, unit", "")
-    assert drive.errors(dead)[0] < 1.2 * drive.errors(alone)[0]
+    assert drive.errors(dead)[0] < 1.2 * drive.errors(sound_run())[0]
 
 
 def test_many_stretches_in_which_an_odometer_is_dead_are_one_sentence(
@@ -124,12 +122,8 @@ def test_many_jumps_of_a_speed_are_one_sentence() -> None:
 def test_a_faulty_gyro_is_in_conflict_and_its_weight_falls() -> None:
     drive = winding()
     wrong = faulty(drive.gyro, yaw_rad_s=float(np.radians(5)))
-    sensors: list[list[MotionSensor]] = [
-        [],
-        [Gyroscope(drive.gyro, AT_CAMERA)],
-        [Gyroscope(wrong, AT_CAMERA)],
-    ]
-    alone, correct, disturbed = (run_slam(drive.sequence, ONCE, given) for given in sensors)
+    alone, correct = sound_run(hindsight=False), sound_run("gyro", hindsight=False)
+    disturbed = run_slam(drive.sequence, ONCE, [Gyroscope(wrong, AT_CAMERA)])
     assert np.median(during(disturbed, "gyro", "conflicts")) > CONFLICT_SIGMAS
     assert np.median(during(correct, "gyro", "conflicts")) < CONFLICT_SIGMAS
     correct_weight = np.median(during(correct, "gyro", "weights"))
@@ -142,15 +136,19 @@ def test_a_gyro_with_a_bias_is_corrected_and_told(seed: int) -> None:
     """Before the start already: a turn that is off by degrees would be that of the map."""
     drive = winding(seed=seed)
     biased = replace(drive.gyro, values=drive.gyro.values + np.radians([0.0, 5.0, 0.0]))
-    correct, mended = (
-        run_slam(drive.sequence, sensors=[Gyroscope(stream, AT_CAMERA)]) for stream in (drive.gyro, biased)
-    )
+    correct = sound_run("gyro", seed=seed)
+    mended = run_slam(drive.sequence, sensors=[Gyroscope(biased, AT_CAMERA)])
     assert correct.warnings == []
     assert len(mended.poses) == len(correct.poses)
     told, begun_again = mended.warnings
     assert "begun again" in begun_again
     assert re.fullmatch(r"gyro: a bias of (4\.[5-9]|5\.[0-4])°/s is removed from its rates", told)
     assert drive.errors(mended)[1] < drive.errors(correct)[1] + np.radians(1.0)
+
+
+def test_a_bias_is_not_removed_where_weights_have_no_bounds() -> None:
+    drive = winding()
+    biased = replace(drive.gyro, values=drive.gyro.values + np.radians([0.0, 5.0, 0.0]))
     plain = run_slam(drive.sequence, SlamSettings(weight_bounds="none"), [Gyroscope(biased, AT_CAMERA)])
     assert not any("bias" in warning for warning in plain.warnings)
 
@@ -170,9 +168,7 @@ def test_a_run_that_finds_a_sensor_wrong_for_a_while_is_begun_again_without_it_t
 
 
 def test_a_correct_run_is_not_begun_again() -> None:
-    drive = winding()
-    sensors = [Odometer(drive.odometer), Gyroscope(drive.gyro, AT_CAMERA)]
-    once, again = (run_slam(drive.sequence, settings, sensors) for settings in (ONCE, SlamSettings()))
+    once, again = (sound_run("odometer", "gyro", hindsight=hindsight) for hindsight in (False, True))
     assert again.warnings == once.warnings
     np.testing.assert_array_equal(again.trajectory().poses, once.trajectory().poses)
 
@@ -181,7 +177,7 @@ def test_what_does_not_explain_all_is_not_kept(monkeypatch: pytest.MonkeyPatch) 
     """Where sensors disagree with the images again, it was the images that were wrong."""
     drive = winding()
     sensors = (Gyroscope(drive.gyro, AT_CAMERA),)
-    once = run_slam(drive.sequence, ONCE, sensors)
+    once = sound_run("gyro", hindsight=False)
     monkeypatch.setattr(Slam, "in_hindsight", lambda self: (Odometer(drive.odometer),))
     kept = run_slam(drive.sequence, SlamSettings(), sensors)
     assert kept.warnings == [*once.warnings, "a run without what was wrong found more, and was not kept"]
@@ -243,12 +239,17 @@ def test_an_odometer_on_a_camera_that_is_turned_is_told_and_set_right() -> None:
     assert drive.errors(again)[0] < 0.7 * drive.errors(once)[0]
 
 
+@cache
+def with_right_mounting() -> SlamResult:
+    return run_slam(winding().sequence, sensors=[on_a_turned_camera(winding().odometer, 0.0)])
+
+
 @pytest.mark.parametrize("turned_deg", [20.0, 90.0, 180.0])
 def test_a_wrong_mounting_does_not_cost_the_odometer(turned_deg: float) -> None:
     """Images deny it because of the mounting: it is heard once that is right."""
     drive = winding()
-    right, wrong = (on_a_turned_camera(drive.odometer, angle) for angle in (0.0, turned_deg))
-    faultless, mended = (run_slam(drive.sequence, sensors=[odometer]) for odometer in (right, wrong))
+    faultless = with_right_mounting()
+    mended = run_slam(drive.sequence, sensors=[on_a_turned_camera(drive.odometer, turned_deg)])
     assert "check the declared mounting" in mended.warnings[0]
     assert "disagrees with the images" in mended.warnings[1]
     assert "begun again" in mended.warnings[-1]
@@ -275,9 +276,8 @@ def test_what_is_wrong_beside_a_wrong_mounting_is_taken_away_by_a_second_restart
 def test_a_gyro_in_other_axes_is_told_and_read_rightly(axes: np.ndarray) -> None:
     drive = winding()
     gyro = replace(drive.gyro, values=drive.gyro.values @ axes.T)
-    sound, mended = (
-        run_slam(drive.sequence, sensors=[Gyroscope(stream, AT_CAMERA)]) for stream in (drive.gyro, gyro)
-    )
+    sound = sound_run("gyro")
+    mended = run_slam(drive.sequence, sensors=[Gyroscope(gyro, AT_CAMERA)])
     assert any("gyro: its rates" in told for told in mended.warnings)
     assert mended.warnings[-1] == "the run was begun again without what was wrong"
     assert drive.errors(mended)[0] < 1.2 * drive.errors(sound)[0]

@@ -11,10 +11,10 @@ import pytest
 from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import SensorStream
 from sfmcpp.sensors import Mounting
-from sfmcpp.slam import Gps, MotionSensor, Odometer, WorldMap, run_slam
+from sfmcpp.slam import Gps, MotionSensor, Odometer, WorldMap
 from sfmcpp.slam.metres_check import height_and_distance, warn_of_metres
 from sfmcpp.slam.sensor_suite import SensorSuite
-from winding import AT_CAMERA, winding
+from winding import AT_CAMERA, sound_run, winding
 
 # Points are up to 1.5 m below the camera, and up to 4 m above, evenly: a tenth of them below this [m].
 LOWEST_TENTH_M = 1.5 - 0.1 * 5.5
@@ -23,7 +23,7 @@ UP = np.array([0.0, -1.0, 0.0])
 
 @cache
 def found() -> WorldMap:
-    world = run_slam(winding().sequence, sensors=[Odometer(winding().odometer)]).world
+    world = sound_run("odometer").world
     assert world is not None
     return world
 

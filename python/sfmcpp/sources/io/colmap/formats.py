@@ -23,17 +23,25 @@ from sfmcpp.sources.io.colmap.rig_files import (
     read_text_rigs,
     text_rig_files,
 )
-from sfmcpp.sources.io.colmap.rigs import add_rigs, rig_model_of, trivial_rigs_in, with_poses_of
+from sfmcpp.sources.io.colmap.rigs import (
+    add_rigs,
+    require_poses_of_frames,
+    rig_model_of,
+    trivial_rigs_in,
+    with_poses_of,
+)
 from sfmcpp.sources.io.colmap.tables import Tables
 from sfmcpp.sources.io.colmap.to_tables import tables_from_problem
 from sfmcpp.sources.io.files import is_folder, is_present, read_bytes, require_folder
 from sfmcpp.sources.io.format import Format
 
+_ReadRigs = Callable[..., RigModel | None]
+
 
 def read_colmap_text(folder: Path) -> Problem:
     """Read cameras.txt, images.txt and points3D.txt, and rigs; see :func:`read_colmap_binary`."""
     _require_model(folder, text.FILES)
-    return with_origin(_problem(text.read_text(folder), read_text_rigs(folder), "colmap-text"), folder)
+    return with_origin(_problem(text.read_text(folder), read_text_rigs, folder, "colmap-text"), folder)
 
 
 def read_colmap_binary(folder: Path) -> Problem:
@@ -53,21 +61,24 @@ def read_colmap_binary(folder: Path) -> Problem:
     Raises
     ------
     DatasetError
-        If a file is missing or damaged, files contradict each other, a track has a keypoint twice, a sensor
-        of a rig is no camera or has no pose, or a camera model is none of SIMPLE_PINHOLE, PINHOLE,
-        SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV without a divisor, or, alone, of SIMPLE_RADIAL_FISHEYE,
-        RADIAL_FISHEYE, OPENCV_FISHEYE, SIMPLE_FISHEYE, FISHEYE.
+        If a file is missing or damaged; files contradict each other, also images and frames about a pose; a
+        track has a keypoint twice; a sensor of a rig is no camera or has no pose; or a camera model is none
+        of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV without a divisor, or, alone,
+        of SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE, OPENCV_FISHEYE, SIMPLE_FISHEYE, FISHEYE.
     """
     _require_model(folder, binary.FILES)
-    found = _problem(binary.read_binary(folder), read_binary_rigs(folder), "colmap-binary")
-    return with_origin(found, folder)
+    return with_origin(
+        _problem(binary.read_binary(folder), read_binary_rigs, folder, "colmap-binary"), folder
+    )
 
 
-def _problem(tables: Tables, rigs: RigModel | None, source_format: str) -> Problem:
+def _problem(tables: Tables, read_rigs: _ReadRigs, folder: Path, source_format: str) -> Problem:
     tables = replace(tables, images=tables.images.by_id())
     problem = problem_from_tables(tables, source_format)
-    if rigs is not None:
+    if (rigs := read_rigs(folder)) is not None:
         add_rigs(problem, tables, rigs)
+    elif (single := read_rigs(folder, alone=True)) is not None:
+        require_poses_of_frames(problem, tables, single)
     return problem
 
 
@@ -108,7 +119,7 @@ class _Files:
     names: tuple[str, ...]
     contents: Callable[[Tables], Iterable[Iterable[bytes]]]
     rig_names: tuple[str, str]
-    read_rigs: Callable[..., RigModel | None]
+    read_rigs: _ReadRigs
     rig_contents: Callable[[RigModel], Iterable[Iterable[bytes]]]
 
     def trivial_rigs(self, folder: Path) -> RigModel | None:

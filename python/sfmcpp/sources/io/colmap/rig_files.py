@@ -70,15 +70,20 @@ class RigModel:
 def read_text_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
     """Rigs and frames of rigs.txt and frames.txt; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in TEXT_FILES)
-    mounted = _wanted_rigs(_lines(rigs, _rig), alone) if is_present(rigs) else ()
+    mounted = _wanted_rigs(_lines(rigs, _rig), alone) if _wanted_files(rigs, frames, alone) else ()
     return RigModel(mounted, tuple(_lines(frames, _frame)), rigs, frames) if mounted else None
 
 
 def read_binary_rigs(folder: Path, *, alone: bool = False) -> RigModel | None:
     """Rigs and frames of rigs.bin and frames.bin; None if no rig has several sensors (`alone`: if any)."""
     rigs, frames = (folder / name for name in BINARY_FILES)
-    mounted = _wanted_rigs(_records(rigs, _rig), alone) if is_present(rigs) else ()
+    mounted = _wanted_rigs(_records(rigs, _rig), alone) if _wanted_files(rigs, frames, alone) else ()
     return RigModel(mounted, tuple(_records(frames, _frame)), rigs, frames) if mounted else None
+
+
+def _wanted_files(rigs: Path, frames: Path, alone: bool) -> bool:
+    """Whether there are rigs to read; those of one sensor say nothing without frames."""
+    return is_present(rigs) and (is_present(frames) or not alone)
 
 
 def _wanted_rigs(rigs: Iterable[Rig], alone: bool) -> tuple[Rig, ...]:

@@ -16,7 +16,7 @@ import numpy as np
 from sfmcpp.errors import DatasetError
 from sfmcpp.geometry.so3 import quaternion_from_rotation, rotation_from_quaternion
 from sfmcpp.model import Problem, Rigs
-from sfmcpp.model.arrays import FloatArray
+from sfmcpp.model.arrays import BoolArray, FloatArray
 from sfmcpp.model.metadata import FRAME_IDS, RIG_IDS, SENSOR_ROWS
 from sfmcpp.model.rigs import composed, relative
 from sfmcpp.sources.io.colmap.rig_files import CAMERA, Frame, Pose, Rig, RigModel, Sensor
@@ -119,11 +119,39 @@ def _poses(poses: Sequence[Pose], path: Path, what: str) -> FloatArray:
 
 
 def _require_agreement(images: ImageTable, cameras: FloatArray, alone: FloatArray) -> None:
+    images.require(_agree(cameras, alone), "its pose is not that of its frame and sensor")
+
+
+def _agree(cameras: FloatArray, alone: FloatArray) -> BoolArray:
     with np.errstate(all="ignore"):
         turn = np.abs(cameras - alone)[:, :, :3].max(axis=(1, 2), initial=0.0)
         off = np.linalg.norm((cameras - alone)[:, :, 3], axis=1)
-        good = (turn <= _LOOSE) & (off <= _LOOSE * (1 + np.linalg.norm(alone[:, :, 3], axis=1)))
-    images.require(good, "its pose is not that of its frame and sensor")
+        good: BoolArray = (turn <= _LOOSE) & (off <= _LOOSE * (1 + np.linalg.norm(alone[:, :, 3], axis=1)))
+    return good
+
+
+def require_poses_of_frames(problem: Problem, tables: Tables, model: RigModel) -> None:
+    """Refuse poses of images that are not those of their frames, in a model of rigs of one camera each.
+
+    Scripts from before COLMAP had frames change those of images alone, COLMAP of today takes those of frames.
+
+    Raises
+    ------
+    DatasetError
+        Naming the first image whose pose is another.
+    """
+    poses = _poses([frame.pose for frame in model.frames], model.frames_path, "frame")
+    pairs = [
+        (image, k) for k, frame in enumerate(model.frames) for kind, _, image in frame.data if kind == CAMERA
+    ]
+    ids, frames = np.array(pairs, np.int64).reshape(-1, 2).T
+    rows = tables.images.rows_of(ids)
+    there = rows >= 0
+    good = np.ones(problem.num_cameras, np.bool_)
+    good[rows[there]] = _agree(poses[frames[there]], problem.cameras[rows[there]])
+    files = f"{model.rigs_path.name} and {model.frames_path.name}"
+    reason = f"its pose is not that in {model.frames_path.name}, which COLMAP takes"
+    tables.images.require(good, f"{reason}: where this one is right, remove {files}")
 
 
 def rig_model_of(problem: Problem, rigs: Rigs, tables: Tables, paths: Sequence[Path]) -> RigModel:

@@ -12,6 +12,14 @@ import pytest
 from io_helpers import assert_same_problem
 from sfmcpp import DatasetError, rig_walk_scene
 from sfmcpp.sources.io import read, write
+from sfmcpp.sources.io.colmap.rig_files import (
+    Frame,
+    Rig,
+    RigModel,
+    Sensor,
+    binary_rig_files,
+    text_rig_files,
+)
 from test_io_colmap import FORMATS, small_model
 
 RIGS_TEXT = "# RIG_ID NUM_SENSORS ...\n4 1 CAMERA 7\n9 1 CAMERA 8\n"
@@ -94,6 +102,34 @@ def test_an_image_that_is_not_where_its_frame_is_is_refused(tmp_path: Path) -> N
     (folder / "images.txt").write_text("\n".join(lines) + "\n")
     with pytest.raises(DatasetError, match="its pose is not that of its frame and sensor"):
         read(folder)
+
+
+def write_frames_of_one_image(folder: Path, format: str, x: float) -> Path:
+    """The rigs and frames of the small model, whose second image is at −x; its frames file."""
+    paths = [folder / f"{name}.{'txt' if format == 'colmap-text' else 'bin'}" for name in ("rigs", "frames")]
+    poses = {3: (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0), 9: (-1.0, 0.0, 0.0, 0.0, x, 0.0, 5.0)}
+    frames = tuple(Frame(image, 1, pose, (("CAMERA", 7, image),)) for image, pose in poses.items())
+    model = RigModel((Rig(1, (Sensor("CAMERA", 7),)),), frames, *paths)
+    contents = text_rig_files(model) if format == "colmap-text" else binary_rig_files(model)
+    for path, content in zip(paths, contents, strict=True):
+        path.write_bytes(b"".join(content))
+    return paths[1]
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_poses_that_frames_of_one_image_contradict_are_refused(tmp_path: Path, format: str) -> None:
+    """Scripts that know no frames leave them as they were, and COLMAP takes the poses of frames."""
+    folder = tmp_path / "model"
+    write(read(small_model(tmp_path)), folder, format=format)
+    write_frames_of_one_image(folder, format, 1.0)
+    assert read(folder).rigs is None
+    frames = write_frames_of_one_image(folder, format, 1.001)
+    suffix = frames.suffix
+    told = rf"images{suffix}.*its pose is not that in frames{suffix}, which COLMAP takes: .* rigs{suffix}"
+    with pytest.raises(DatasetError, match=told):
+        read(folder)
+    frames.unlink()
+    assert read(folder).rigs is None
 
 
 @pytest.mark.parametrize(

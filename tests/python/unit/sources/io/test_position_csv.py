@@ -69,6 +69,19 @@ def test_files_of_positions_that_are_no_tables_are_told_as_what_they_are(
         read_position_csv(written(tmp_path, beginning))
 
 
+@pytest.mark.parametrize("first", ["sep=;", '"sep=;"', "SEP=;\r"])
+def test_the_line_in_which_excel_tells_the_separator_is_none_of_the_table(tmp_path: Path, first: str) -> None:
+    found = read_position_csv(written(tmp_path, f"{first}\nname;x;y;z\na.jpg;1,5;2;3\n"))
+    assert found.positions == {"a.jpg": (1.5, 2.0, 3.0)}
+    with pytest.raises(DatasetError, match=r":3: y is 'two'"):
+        read_position_csv(written(tmp_path, f"{first}\nname;x;y;z\na.jpg;1;two;3\n"))
+
+
+def test_bars_may_separate_cells(tmp_path: Path) -> None:
+    found = read_position_csv(written(tmp_path, "name|lat|lon|height\na.jpg|1.5|2|3\n"))
+    assert found.positions == {"a.jpg": (1.5, 2.0, 3.0)}
+
+
 def test_lines_of_old_macs_end_with_cr(tmp_path: Path) -> None:
     path = written(tmp_path, "")
     path.write_bytes(b"name,x,y,z\ra,1,2,3\rb,4,5,6\r")
