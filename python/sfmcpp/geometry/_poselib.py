@@ -22,10 +22,9 @@ from sfmcpp.model.checks import require_count, require_fraction, require_positiv
 
 # Fewer samples than this save no time worth having.
 _MIN_ITERATIONS = 50
-# Points are usually no closer together and no farther apart than this, and no farther from the origin, in the
-# unit of length and in their extent: with others, as in millimetres or of a map grid, PoseLib's steps stop
-# short of the minimum.
-_LEAST_EXTENT, _LARGEST = 1e-4, 1e4
+# Points are usually no closer together and no farther apart than this: with others, as in millimetres,
+# PoseLib's steps stop short of the minimum.
+_LEAST_EXTENT, _LARGEST_EXTENT = 1e-4, 1e4
 
 
 @dataclass(frozen=True)
@@ -147,15 +146,12 @@ def absolute_camera(
 def working_frame(points: FloatArray) -> tuple[FloatArray, float]:
     """Origin (3,) and unit of length in which coordinates of `points` (N, 3) are neither tiny nor huge.
 
-    The world's own where most are neither there.
+    The origin is among the points, so that a world that is moved gives the same camera, moved.
     """
     middle = np.asarray(np.median(points, axis=0))
     distances = np.abs(points - middle).max(axis=1)
     extent = float(np.median(distances)) or float(distances.max())
-    is_usual = _LEAST_EXTENT <= extent <= _LARGEST
-    if is_usual and np.abs(middle).max() <= _LARGEST * min(extent, 1.0):
-        return np.zeros(3), 1.0
-    return middle, extent
+    return middle, 1.0 if _LEAST_EXTENT <= extent <= _LARGEST_EXTENT else extent
 
 
 def cameras_of_four_points(points: FloatArray, images: FloatArray) -> list[tuple[FloatArray, float]]:

@@ -210,7 +210,8 @@ class SensorStream:
 
     Unordered or duplicate stamps, numbers that are not finite and units that cannot be right are errors. Gaps
     are none: one of at most `max_gap_s` is bridged by interpolation, a longer one gives no measurement for
-    any interval that touches it (see :meth:`gaps`, :meth:`covers`).
+    any interval that touches it (see :meth:`gaps`, :meth:`covers`). Over some of these an odometer
+    interpolates its speed, with a larger standard deviation (:class:`sfmcpp.slam.Odometer`).
 
     Parameters
     ----------

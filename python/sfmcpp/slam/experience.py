@@ -35,8 +35,9 @@ _STRONG = 64.0
 _TYPICAL_KEYFRAMES = 100
 _SHARE_ONE_LONGER, _SQUARES_TAIL = 0.5, 12.0
 # With fewer points the map gives no pose, as where tracks die while the camera stands; the next points take
-# over what a bridged step leaves of the scale. So many keyframes later the sensors have restored it: all
-# conflicts of an odometer on 15,000 simulated fault-free frames came before.
+# over what a bridged step leaves of the scale, or images alone where a sensor is silent. So many keyframes
+# later the sensors have restored it: all conflicts of an odometer on 15,000 simulated fault-free frames came
+# before.
 _LOST_POINTS = 10
 _RESTORED_AFTER = 4
 # Keyframes beside a conflict belong to it from so many standard deviations on, and so much time beside these:
@@ -188,8 +189,13 @@ class Experience:
         """Whether a report is of enough points, which are right and have not lost their scale just before."""
         if self.reports[k].observations < _FEWEST_POINTS or k in self.refuted:
             return False
-        just_before = self.reports[max(k - _RESTORED_AFTER, 0) : k + 1]
-        return self.reports[k].unit != "m" or all(r.observations >= _LOST_POINTS for r in just_before)
+        just_before = range(max(k - _RESTORED_AFTER, 0), k + 1)
+        return self.reports[k].unit != "m" or all(map(self._holds_scale, just_before))
+
+    def _holds_scale(self, k: int) -> bool:
+        """Whether the map has held its scale up to a report: by its points, and not without the sensor."""
+        follows = k == 0 or self.stretches[k].start_s <= self.stretches[k - 1].end_s
+        return follows and self.reports[k].observations >= _LOST_POINTS
 
 
 def informed(measurement: Measurement, known: Experience, start_s: float, end_s: float) -> Measurement:

@@ -23,6 +23,7 @@ from sfmcpp.sensors import (
     find_rate_axes,
 )
 from sfmcpp.sensors.agreement import describe_other_time
+from sfmcpp.sensors.bridged_gaps import LONGEST_BRIDGED_S
 from sfmcpp.slam.motion_sensors import Gyroscope, Odometer
 from sfmcpp.slam.position_sensors import Gps, Ins
 from sfmcpp.slam.sensor_suite import SensorSuite, has_rates
@@ -41,7 +42,9 @@ def faults_of_streams(sensors: SensorSuite) -> list[str]:
     jumps = [found for odometer in sensors.of_type(Odometer) for found in _speed_jumps(odometer)]
     jumps += [found for s in sensors.sensors if isinstance(s, Gps | Ins) for found in s.remarks()]
     jumps += [found for s in sensors.given if has_rates(s) for found in describe_spikes(s.stream)]
-    return lacking + describe_gaps([sensor.stream for sensor in sensors.sensors]) + jumps
+    rule = f"the speed is interpolated over gaps of at most {LONGEST_BRIDGED_S:g} s"
+    bridged = [f"stream {s.stream.name!r}: {rule}" for s in sensors.of_type(Odometer) if s.bridged_gaps]
+    return lacking + describe_gaps([sensor.stream for sensor in sensors.sensors]) + bridged + jumps
 
 
 def faults_of_epochs(sensors: SensorSuite, time_s: float) -> list[str]:

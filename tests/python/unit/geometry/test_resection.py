@@ -87,6 +87,17 @@ def test_the_pose_depends_neither_on_the_unit_of_length_nor_on_the_origin(unit: 
     np.testing.assert_allclose(there.camera[:, :3], here.camera[:, :3], atol=1e-7)
 
 
+@pytest.mark.parametrize("east", [1e3, 1e4, 1e6])
+def test_a_world_that_is_moved_gives_the_same_pose_but_for_rounding(east: float) -> None:
+    origin, atol = np.array([east, -east, 0.0]), 1e-14 * east
+    for seed in range(5):
+        pair, pixels, _ = noisy_view(seed, 0.5, 0.2, count=60)
+        here = resection(pair.points, pixels, INTRINSICS)
+        there = resection(pair.points + origin, pixels, INTRINSICS)
+        np.testing.assert_allclose(there.camera[:, 3] - origin, here.camera[:, 3], rtol=0, atol=atol)
+        np.testing.assert_allclose(there.camera[:, :3], here.camera[:, :3], rtol=0, atol=atol)
+
+
 def test_inliers_are_those_in_front_and_within_the_threshold() -> None:
     pair, pixels, _ = noisy_view(6, 1.0, 0.2)
     behind = 2 * pair.camera[:, 3] - pair.points[:30]

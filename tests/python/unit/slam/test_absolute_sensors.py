@@ -13,7 +13,7 @@ from sfmcpp.geometry.similarity import Similarity
 from sfmcpp.model import Problem, SensorStream
 from sfmcpp.model.frames import Frame, View
 from sfmcpp.sensors import Mounting, pose_stream_values
-from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, run_slam
+from sfmcpp.slam import Gps, Ins, MotionSensor, Odometer, SlamResult, SlamSettings, TrackSequence, run_slam
 from sfmcpp.slam.registration import Correction, correction, registration
 from sfmcpp.slam.sensor_suite import SensorSuite
 from sfmcpp.slam.world_map import WorldMap
@@ -87,6 +87,25 @@ def test_the_map_waits_for_positions_far_enough_apart_for_a_scale() -> None:
     result = run_slam(sequence_of(scene), sensors=[gps_of(scene.cameras, 5.0)])
     assert not result.metric
     assert len(result.poses) == scene.num_cameras
+
+
+@pytest.mark.parametrize("away_m", [1e4, 2e7])
+def test_a_world_that_is_moved_moves_the_map_and_nothing_else(away_m: float) -> None:
+    scene, by = bent(), away_m * np.array([0.5, 0.8, 0.3])
+    seen, here = first_frames(scene, 40), gps_of(scene.cameras, 0.1)
+    there = replace(here, stream=replace(here.stream, values=here.stream.values + by))
+    found, moved = (run_slam(seen, sensors=[gps]) for gps in (here, there))
+    assert found.metric
+    assert found.poses.keys() == moved.poses.keys()
+    for k, pose in found.poses.items():
+        np.testing.assert_allclose(moved.poses[k][:, 3] - by, pose[:, 3], rtol=0, atol=1e-6)
+        np.testing.assert_allclose(moved.poses[k][:, :3], pose[:, :3], atol=1e-7)
+
+
+def first_frames(scene: Problem, count: int) -> TrackSequence:
+    seen = scene.camera_index < count
+    arrays = (array[seen] for array in (scene.camera_index, scene.point_index, scene.pixels))
+    return TrackSequence(STEP_S * np.arange(count), *arrays, scene.intrinsics[0])
 
 
 def test_positions_that_jump_away_and_back_are_named_and_get_no_weight() -> None:

@@ -122,6 +122,22 @@ def test_points_after_a_lost_map_have_lost_their_scale(
 
 
 @pytest.mark.parametrize(
+    ("silent_s", "unit", "named"), [(0.0, "m", True), (6.0, "m", False), (6.0, "rad", True)]
+)
+def test_a_map_without_its_odometer_for_a_while_does_not_hold_the_scale(
+    silent_s: float, unit: str, named: bool
+) -> None:
+    """On a drive images alone had changed it by half within two seconds."""
+    known = Experience()
+    for k in range(12):
+        start_s = k + (silent_s if k >= 8 else 0.0)
+        told = replace(report(14.0 if k in (8, 9) else 0.5, sensor_sigma=0.02), unit=unit)
+        known.add(told, Gap(start_s, start_s + 1.0))
+    assert bool(known.describe("sensor")) == named
+    assert (known.denied is not None) == named
+
+
+@pytest.mark.parametrize(
     ("count", "in_a_row", "named"), [(100, 6, True), (1700, 10, False), (1700, 11, True)]
 )
 def test_more_keyframes_need_a_longer_conflict(count: int, in_a_row: int, named: bool) -> None:
