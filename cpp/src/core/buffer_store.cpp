@@ -47,9 +47,9 @@ void ask_for_huge_pages(void* memory, std::size_t bytes) {
 #if defined(MADV_HUGEPAGE)
   constexpr std::size_t kHugePage = std::size_t{2} << 20;
   const auto address = reinterpret_cast<std::uintptr_t>(memory);
-  const std::uintptr_t begin = rounded(address, kHugePage);
-  const std::uintptr_t end = (address + bytes) / kHugePage * kHugePage;
-  static_cast<void>(madvise(reinterpret_cast<void*>(begin), end - begin, MADV_HUGEPAGE));
+  const std::size_t before = rounded(address, kHugePage) - address;
+  const std::size_t whole = (bytes - before) / kHugePage * kHugePage;
+  static_cast<void>(madvise(static_cast<char*>(memory) + before, whole, MADV_HUGEPAGE));
 #else
   static_cast<void>(memory), static_cast<void>(bytes);
 #endif
