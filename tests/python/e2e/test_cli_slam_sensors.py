@@ -160,17 +160,24 @@ def test_what_a_sensor_may_be_off_bounds_its_weight(tmp_path: Path) -> None:
     assert medians["0.01+0%"] > medians["0.01"] > 2 * medians["0.01+20%"] > 0
 
 
-def test_a_gap_is_left_without_constraint_and_the_run_goes_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("header", "bridged"), [("t [s],distance [m]", False), (SPEED, True)])
+def test_in_a_gap_a_speed_is_interpolated_and_a_way_constrains_nothing(
+    tmp_path: Path, header: str, bridged: bool
+) -> None:
     write_drive(tmp_path / "drive.csv")
-    rows = [row for row in every_tenth("5") if not 101.0 < float(row.split(",")[0]) < 102.0]
-    sensors = write_sensors(tmp_path / "s.csv", SPEED, rows)
+    times_s = [99.5 + 0.1 * k for k in range(40)]
+    rows = [
+        f"{t_s:.1f},{5 if bridged else 5 * (t_s - 99.5):.9g}" for t_s in times_s if not 101.01 < t_s < 101.99
+    ]
+    sensors = write_sensors(tmp_path / "s.csv", header, rows)
     command = ["slam", str(tmp_path / "drive.csv"), "-o", str(tmp_path / "out"), "--quiet"]
     assert main([*command, "--sensor", "odometer", "--sensor-file", str(sensors)]) == 0
     report = strict_json(tmp_path / "out/report.json")
     assert report["totals"]["poses"] == 30
     inside = [k["weights"] for k in report["keyframes"] if 101.0 < k["t_s"] < 102.0]
-    assert inside
-    assert all(weights == {} for weights in inside)
+    assert len(inside) > 1  # the first ones start the map
+    assert any(inside) == bridged
+    assert any("interpolated over gaps" in warning for warning in report["warnings"]) == bridged
 
 
 def run_on(cpus: set[int], threads: str, arguments: list[str]) -> None:

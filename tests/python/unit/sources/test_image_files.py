@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from sfmcpp import slam
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.cameras import find_camera, read_intrinsics
 from sfmcpp.sources.drives import open_drive
-from sfmcpp.sources.image_stream import ImageStream, _taken_ahead, open_images
+from sfmcpp.sources.image_stream import ImageStream, open_images
 from sfmcpp.sources.vision import Frames, KltSettings, follow_features, open_frames
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed: pip install 'sfmcpp[vision]'")
@@ -66,34 +65,6 @@ def test_a_bad_image_is_left_out_and_known_once_its_turn_has_come(tmp_path: Path
     assert next(frames, None) is None
     assert stream.unreadable == {"2.png": "is no image that can be decoded (10 bytes)"}
     assert len(stream) == 4
-
-
-def test_the_next_images_are_looked_at_while_the_caller_works_on_one() -> None:
-    made: list[int] = []
-
-    def images() -> Iterator[int]:
-        for number in range(10):
-            made.append(threading.get_ident())
-            yield number
-
-    ahead = _taken_ahead(images(), 2)
-    assert [next(ahead), next(ahead)] == [0, 1]
-    ahead.close()  # type: ignore[attr-defined]
-    assert len(made) == 4  # however long they take
-    assert set(made) != {threading.get_ident()}
-    assert list(_taken_ahead(images(), 2)) == list(range(10))
-    assert list(_taken_ahead(iter(()), 2)) == []
-
-
-def test_an_error_comes_where_its_image_would() -> None:
-    def images() -> Iterator[int]:
-        yield from (1, 2)
-        raise DatasetError(Path("x.png"), "no picture")
-
-    ahead = _taken_ahead(images(), 5)
-    assert [next(ahead), next(ahead)] == [1, 2]
-    with pytest.raises(DatasetError, match="no picture"):
-        next(ahead)
 
 
 def test_images_that_are_left_out_change_neither_what_frames_are_nor_when_they_end(
