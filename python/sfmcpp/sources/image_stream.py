@@ -120,15 +120,12 @@ class ImageStream(FrameSource):
 
     def _looked_at(self) -> Iterator[_Seen]:
         """What each image shows. In a thread of its own: nothing is told but by what it gives."""
-        numbers: list[int] = []
-        latest: list[GreyImage] = []
-        repeats = False
+        latest: tuple[int, GreyImage, bool] | None = None  # with whether it repeats the one before
 
         def images() -> Iterator[GreyImage]:
-            nonlocal repeats
+            nonlocal latest
             for number, image in self._images.numbered():
-                repeats = bool(latest) and np.array_equal(image, latest[0])
-                numbers[:], latest[:] = [number], [image]
+                latest = number, image, latest is not None and np.array_equal(image, latest[1])
                 yield image
 
         right = self._right
@@ -136,11 +133,13 @@ class ImageStream(FrameSource):
             right.begin()
         started = time.perf_counter()
         for view in follow_features(images(), self._settings, self._mask):
-            both = view if right is None else right.beside(numbers[0], latest[0], view)
+            assert latest is not None
+            number, image, repeats = latest
+            both = view if right is None else right.beside(number, image, view)
             yield _Seen(
-                numbers[0],
+                number,
                 both,
-                latest[0].shape,
+                image.shape,
                 repeats,
                 time.perf_counter() - started,
                 dict(self._images.unreadable),

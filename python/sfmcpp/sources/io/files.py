@@ -134,8 +134,12 @@ def open_content(path: Path) -> Iterator[IO[bytes]]:
     """Content as of :func:`read_bytes`, as a seekable stream; a plain file is not read in advance."""
     with failures_named(path), ExitStack() as stack:
         require_regular_file(path)
-        is_plain = path.suffix.lower() not in _DECOMPRESSORS and path.stat().st_size
-        yield stack.enter_context(path.open("rb") if is_plain else io.BytesIO(read_bytes(path)))
+        yield stack.enter_context(path.open("rb") if is_plain(path) else io.BytesIO(read_bytes(path)))
+
+
+def is_plain(path: Path) -> bool:
+    """Whether a file is read as it is, and has a size: what the system makes up as it is read has none."""
+    return path.suffix.lower() not in COMPRESSED_SUFFIXES and path.stat().st_size > 0
 
 
 def largest_content(path: Path) -> int:

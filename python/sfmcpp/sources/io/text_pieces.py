@@ -13,9 +13,9 @@ from sfmcpp import _core
 from sfmcpp.errors import DatasetError
 from sfmcpp.sources.io.files import (
     BLANKS,
-    COMPRESSED_SUFFIXES,
     content_chunks,
     failures_named,
+    is_plain,
     require_regular_file,
     without_byte_order_mark,
 )
@@ -38,8 +38,7 @@ def read_pieces(path: Path) -> Iterator[ByteArray]:
     require_regular_file(path)
     is_empty = True
     with failures_named(path):
-        is_plain = path.suffix.lower() not in COMPRESSED_SUFFIXES and path.stat().st_size
-        for piece in _plain_pieces(path) if is_plain else _gathered_pieces(path):
+        for piece in _plain_pieces(path) if is_plain(path) else _gathered_pieces(path):
             yield _behind_byte_order_mark(path, piece) if is_empty else piece
             is_empty = False
     if is_empty:
